@@ -236,3 +236,132 @@ def test_a_run_with_another_function_is_another_run(module, tmp_path):
     assert input_checksums(own.scenario) != before
     with pytest.raises(ws.InputError, match="inputs"):
         ws.render_to_folder(own, tmp_path / "out", **asked)
+
+
+# --- files that are no maps, and those that are in another form ---
+
+
+def healpix_file(path, columns=None, n_side=8, drop=(), **header):
+    """A table of HEALPix pixels, of ones in MJy/sr."""
+    columns = columns or [fits.Column("I", "E", unit="MJy/sr", array=np.ones(12 * n_side**2))]
+    table = fits.BinTableHDU.from_columns(columns)
+    own = {"PIXTYPE": "HEALPIX", "NSIDE": n_side, "ORDERING": "RING", "COORDSYS": "C"} | header
+    for name, value in own.items():
+        if name not in drop:
+            table.header[name] = value
+    table.writeto(path, overwrite=True)
+    return str(path)
+
+
+def refused(path, words):
+    with pytest.raises(ws.InputError, match=f"^background.sky_map: .*{words}") as caught:
+        sky_map_plates(str(path), [BAND])
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+ONES = np.ones((64, 64))
+ONE_BELOW = np.where(np.arange(64) == 7, -1e-9, ONES)
+
+
+@pytest.mark.parametrize(
+    ("data", "header", "words"),
+    [
+        (-ONES, {}, r"must hold no negative values and 4,095 more; clip them at 0, got -1 in row 0, column 0"),
+        (ONE_BELOW, {}, r"must hold no negative values and 63 more; clip them at 0, got -1e-09 in row 0, column 7"),
+        (np.full((64, 64), np.nan), {}, "must hold a finite value, and has none"),
+        (np.full((64, 64), 1e43), {"BUNIT": "W/m2/sr"}, r"must hold radiances up to 3.4e\+38 W/cm2/sr"),
+        (np.ones((2, 64, 64)), {}, r"NAXIS: an image must be one plane of longitude and latitude; .*\(2, 64, 64\)"),
+        (ONES, {"BUNIT": "Jy/beam"}, "surface brightness"),
+        (ONES, {"CTYPE1": "X", "CTYPE2": "Y"}, "CTYPE1: an image must have a celestial WCS, got 'X'"),
+    ],
+)
+def test_images_that_are_no_maps_are_one_line(tmp_path, data, header, words):
+    refused(image_file(tmp_path / "m.fits", data=data, **header), words)
+
+
+def test_an_image_of_one_plane_and_more_axes_is_a_map(tmp_path):
+    path = image_file(tmp_path / "m.fits", data=np.ones((1, 1, 64, 64)))
+    assert len(sky_map_plates(path, [BAND])) == 1
+
+
+def test_the_map_may_be_in_an_extension_and_its_unit_in_the_first_header(tmp_path):
+    with fits.open(image_file(tmp_path / "m.fits", data=3.0 * ONES)) as hdus:
+        data, header = hdus[0].data, hdus[0].header
+        del header["BUNIT"]
+        for first in (fits.PrimaryHDU(), fits.PrimaryHDU(np.ones((4, 4)))):
+            first.header["BUNIT"] = "MJy/sr"
+            for kind in (fits.ImageHDU, fits.CompImageHDU):
+                fits.HDUList([first, kind(data, header)]).writeto(tmp_path / "own.fits", overwrite=True)
+                (plate,) = sky_map_plates(str(tmp_path / "own.fits"), [BAND])
+                scale = radiance_scales("MJy/sr", [BAND])[0]
+                assert plate.radiance_w_cm2_sr.max() == pytest.approx(3.0 * scale, rel=1e-3)
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"SIMPLE  =                    T"])
+def test_files_that_are_damaged_are_one_line(tmp_path, content):
+    (tmp_path / "m.fits").write_bytes(content)
+    refused(tmp_path / "m.fits", "")
+
+
+def test_a_file_that_ends_early_is_one_line(tmp_path):
+    whole = (tmp_path / "m.fits", image_file(tmp_path / "m.fits"))[0].read_bytes()
+    (tmp_path / "m.fits").write_bytes(whole[:9000])
+    refused(tmp_path / "m.fits", "cannot be read")
+
+
+def column(name="I", unit="MJy/sr", kind="E", array=None):
+    return fits.Column(name, kind, unit=unit, array=np.ones(768) if array is None else array)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"drop": ["COORDSYS"]}, "COORDSYS: must be G, GALACTIC, .* and is missing"),
+        ({"COORDSYS": "X"}, "COORDSYS: must be G, GALACTIC, .*, got 'X'"),
+        ({"drop": ["ORDERING"]}, "ORDERING: must be RING, NESTED, NEST, and is missing"),
+        ({"ORDERING": "NUNIQ"}, "ORDERING: must be RING, NESTED, NEST, got 'NUNIQ'"),
+        ({"drop": ["NSIDE"]}, "NSIDE: must be a power of 2, got"),
+        ({"NSIDE": 0}, "NSIDE: must be a power of 2, got"),
+        ({"NSIDE": "abc"}, "NSIDE: must be a power of 2, got"),
+        ({"NSIDE": 7}, "NSIDE: must be a power of 2, got 7"),
+        ({"NSIDE": 16}, "I: must hold 3,072 HEALPix pixels for this NSIDE, got 768"),
+        ({"INDXSCHM": "EXPLICIT"}, "columns: must have a column PIXEL where INDXSCHM is EXPLICIT"),
+        ({"columns": [column(unit="K_CMB")]}, "I.unit: its unit .* surface brightness"),
+        ({"columns": [column(unit=None)]}, "I.unit: its unit .* surface brightness"),
+        ({"columns": [column(array=-np.ones(768))]}, "I: must hold no negative values .* got -1 in pixel 0"),
+        ({"columns": [column(kind="C")]}, "I: must hold real numbers, got "),
+        (
+            {"columns": [column("PIXEL", None, "J", np.full(768, 900)), column()]},
+            "PIXEL: must be from 0 to 767 for this NSIDE, got 900",
+        ),
+        ({"columns": [column("PIXEL", None, "J", np.full(768, 9)), column()]}, "PIXEL: must name each pixel once"),
+    ],
+)
+def test_tables_that_are_no_maps_are_one_line(tmp_path, change, words):
+    pytest.importorskip("astropy_healpix")
+    refused(healpix_file(tmp_path / "m.fits", **change), words)
+
+
+@pytest.mark.parametrize("unit", ["MJy/sr", None])
+def test_a_table_of_some_pixels_lies_where_their_numbers_say(tmp_path, unit):
+    healpix = pytest.importorskip("astropy_healpix")
+    lines = lines_of()
+    grid = healpix.HEALPix(8, "ring", frame="icrs")
+    north = np.arange(grid.npix // 2 - 16)[::-1]  # above the equator, in any order
+    columns = [column("PIXEL", None, "J", north), column("I", unit, array=np.ones(len(north)))]
+    path = healpix_file(tmp_path / "m.fits", columns, INDXSCHM="EXPLICIT", BUNIT="MJy/sr")
+    light = looked_up(sky_map_plates(path, [BAND]), lines)
+    np.testing.assert_allclose(light[lines[:, 2] > 0.25], 1.0, rtol=1e-9)
+    assert not light[lines[:, 2] < -0.25].any()
+
+
+@pytest.mark.parametrize("ordering", ["RING", "NESTED"])
+def test_healpix_pixels_finer_than_the_largest_cube_are_averaged(tmp_path, monkeypatch, ordering):
+    healpix = pytest.importorskip("astropy_healpix")
+    monkeypatch.setattr("warpsim.background.healpix_map._MOST_NSIDE", 16)
+    grid = healpix.HEALPix(64, ordering.lower(), frame="icrs")
+    place = np.arange(grid.npix) if ordering == "NESTED" else grid.ring_to_nested(np.arange(grid.npix))
+    columns = [column(array=np.where(place % 4 == 0, 4.0, 0.0))]  # of mean 1
+    path = healpix_file(tmp_path / "m.fits", columns, 64, ORDERING=ordering)
+    np.testing.assert_allclose(looked_up(sky_map_plates(path, [BAND]), lines_of()), 1.0, rtol=1e-9)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.background.map_units import LARGEST
 from warpsim.background.sky_plates import SkyPlate, sky_cube
 from warpsim.config.fields import FUNCTION
 from warpsim.errors import InputError, one_line
@@ -19,9 +20,6 @@ Array = NDArray[np.float64]
 
 FUNCTION_NODES = 181
 """Nodes along an edge of the cube that a function is looked up on: 0.6 degrees apart."""
-
-LARGEST = float(np.finfo(np.float32).max)
-"""Radiance that images hold."""
 
 
 def function_plates(name: str, bands: list[Band]) -> list[SkyPlate]:

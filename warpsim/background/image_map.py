@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.background.map_units import radiance_scales, sky_of
+from warpsim.background.map_units import checked_values, radiance_scales, radiance_sizes, sky_of
 from warpsim.background.sky_plates import SkyMap, node_step_rad
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
@@ -33,31 +33,34 @@ def celestial_wcs(hdu: Any, hdus: Any) -> Any:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        wcs = WCS(hdu.header, hdus).celestial
+        whole = WCS(hdu.header, hdus)
+        wcs = whole.celestial
     if not wcs.has_celestial:
         return None
+    if {whole.wcs.lng, whole.wcs.lat} != {0, 1} or any(n != 1 for n in hdu.shape[:-2]):
+        rule = (
+            "an image must be one plane of longitude and latitude; write the plane that is meant to a file of its own"
+        )
+        raise InputError(rule, "NAXIS", hdu.shape)
     wcs.wcs.bounds_check(False, True)  # columns beyond half a turn are on the sky too
     return wcs
 
 
-def image_map(hdu: Any, hdus: Any, wcs: Any, bands: list[Band]) -> SkyMap:
+def image_map(hdu: Any, wcs: Any, unit: str, bands: list[Band]) -> SkyMap:
     """A map of an image; nothing outside it, and where it is not finite."""
     from astropy.wcs.utils import proj_plane_pixel_scales
 
-    image = np.asarray(hdu.data, dtype=np.float64)
-    image = image.reshape(-1, *image.shape[-2:])[0]
-    scales = radiance_scales(hdu.header.get("BUNIT", ""), bands)
+    image = checked_values(hdu.data.reshape(hdu.shape[-2:]))
+    scales = radiance_scales(unit, bands)
+    sizes = radiance_sizes(image, scales)
     centre, half_angle_rad = _extent(wcs, *image.shape)
     pixel_rad = math.radians(float(np.min(proj_plane_pixel_scales(wcs))))
-    finite = np.isfinite(image)
-    known = image[finite] if finite.any() else np.zeros(1)
-    size = np.outer(scales, [np.median(known), known.max()])
     own = _lookup(image, wcs, math.ceil(node_step_rad(pixel_rad, half_angle_rad) / pixel_rad - 0.01))
 
     def radiance_of(direction: Array) -> Array:
         return np.asarray(scales[:, None] * own(direction))
 
-    return SkyMap(radiance_of, pixel_rad, centre, half_angle_rad, size)
+    return SkyMap(radiance_of, pixel_rad, centre, half_angle_rad, sizes)
 
 
 def _extent(wcs: Any, n_row: int, n_col: int) -> tuple[Array, float]:
@@ -124,6 +127,6 @@ def _turns_px(wcs: Any) -> list[tuple[float, float]]:
     """Steps that lead to the same direction [px]: none, and a turn either way of a cylindrical projection."""
     turns = [(0.0, 0.0)]
     if str(wcs.wcs.ctype[0])[-3:] in _CYLINDRICAL:
-        across, down = np.linalg.solve(wcs.pixel_scale_matrix, [360.0, 0.0])
+        across, down = np.linalg.solve(wcs.pixel_scale_matrix, 360.0 * np.eye(2)[wcs.wcs.lng])
         turns += [(across, down), (-across, -down)]
     return turns

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
+from typing import Any
 
 from warpsim.background.function_map import function_plates
 from warpsim.background.healpix_map import healpix_map
@@ -10,7 +12,7 @@ from warpsim.background.image_map import celestial_wcs, image_map
 from warpsim.background.map_units import radiance_scales, response_width_hz
 from warpsim.background.sky_plates import SkyMap, SkyPlate
 from warpsim.config.fields import FUNCTION
-from warpsim.errors import InputError
+from warpsim.errors import InputError, one_line
 from warpsim.radiometry.band import Band
 
 __all__ = ["radiance_scales", "read_sky_map", "response_width_hz", "sky_map_plates"]
@@ -43,21 +45,30 @@ def read_sky_map(path: str, bands: list[Band]) -> SkyMap:
     """
     from astropy.io import fits
 
+    field = "background.sky_map"
     if not Path(path).is_file():
-        raise InputError("must be a file that exists", "background.sky_map", path)
+        raise InputError("must be a file that exists", field, path)
     try:
-        with fits.open(path) as hdus:
-            for hdu in hdus:
-                if hdu.header.get("PIXTYPE") == "HEALPIX":
-                    return healpix_map(hdu, bands)
-                if hdu.is_image and hdu.header.get("NAXIS", 0) >= 2 and hdu.data is not None:
-                    wcs = celestial_wcs(hdu, hdus)
-                    if wcs is None:
-                        rule = "an image must have a celestial WCS"
-                        raise InputError(rule, "CTYPE1", hdu.header.get("CTYPE1", ""))
-                    return image_map(hdu, hdus, wcs, bands)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of damage, which fails below where it matters
+            with fits.open(path) as hdus:
+                return _map_in(hdus, bands)
     except InputError as error:
-        raise error.of(path) from None
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(f"cannot be read: {str(error).splitlines()[0]}", "background.sky_map", path) from None
-    raise InputError("must hold an image, or a table of HEALPix pixels", "background.sky_map", path)
+        raise error.of(path).within(field) from None
+    except Exception as error:  # astropy raises many kinds for a broken file
+        raise InputError(f"cannot be read ({one_line(error)})").of(path).within(field) from None
+
+
+def _map_in(hdus: Any, bands: list[Band]) -> SkyMap:
+    """The first map in a file: HEALPix pixels, or an image that has a celestial WCS."""
+    unit, plain = str(hdus[0].header.get("BUNIT", "")), None
+    for hdu in hdus:
+        if str(hdu.header.get("PIXTYPE", "")).strip().upper() == "HEALPIX":
+            return healpix_map(hdu, unit, bands)
+        if hdu.is_image and len(hdu.shape) >= 2 and 0 not in hdu.shape:
+            if (wcs := celestial_wcs(hdu, hdus)) is not None:
+                return image_map(hdu, wcs, str(hdu.header.get("BUNIT", unit)), bands)
+            plain = hdu if plain is None else plain
+    if plain is not None:
+        raise InputError("an image must have a celestial WCS", "CTYPE1", plain.header.get("CTYPE1", ""))
+    raise InputError("must hold an image with a celestial WCS, or a table of HEALPix pixels")
