@@ -12,6 +12,7 @@ from astropy.wcs import WCS
 import warpsim as ws
 from warpsim.background.map_units import radiance_scales
 from warpsim.background.sky_map import sky_map_plates
+from warpsim.output.check import scene_report
 from warpsim.scene.inputs import input_checksums
 
 BAND = ws.bands()["A"]
@@ -365,3 +366,39 @@ def test_healpix_pixels_finer_than_the_largest_cube_are_averaged(tmp_path, monke
     columns = [column(array=np.where(place % 4 == 0, 4.0, 0.0))]  # of mean 1
     path = healpix_file(tmp_path / "m.fits", columns, 64, ORDERING=ordering)
     np.testing.assert_allclose(looked_up(sky_map_plates(path, [BAND]), lines_of()), 1.0, rtol=1e-9)
+
+
+# --- check ---
+
+
+def test_check_says_the_size_of_the_map_in_each_band(module, tmp_path):
+    scene = ws.Scene.load("stss").replace(sky__catalog="none")
+    instrument = next(iter(scene.scenario.instruments.values()))
+    camera = instrument.sensor.camera
+    nei = instrument.nei_w_cm2("A") * camera.focal_px * camera.focal_row_px
+    data = np.ones((64, 64))
+    data[3, 5], data[9, 9] = 50.0, np.nan
+    path = image_file(tmp_path / "m.fits", data=data)
+    ends = [f"{times * radiance_scales('MJy/sr', [BAND])[0] / nei:.2g}" for times in (1, 50)]
+    report = scene_report(scene.replace(background__sky_map=path).scenario)
+    assert f"  background map {path}, median to maximum: A {ends[0]} to {ends[1]}, " in report
+    name = f"python:{module(MODULE.replace('LEVEL', '1e-9'))}:glow"
+    report = scene_report(scene.replace(background__sky_map=name).scenario)
+    assert f"  background map {name}, median to maximum: A {1e-9 / nei:.2g} to {1e-9 / nei:.2g}, " in report
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("no-such.fits", "must be a file that exists"),
+        ("broken.fits", "cannot be read"),
+        ("python:own_glow:raises", "fails in band A"),
+    ],
+)
+def test_check_tries_the_map(module, tmp_path, monkeypatch, name, words):
+    module(MODULE)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "broken.fits").write_bytes(b"SIMPLE")
+    own = ws.Scene.load("stss").replace(sky__catalog="none", background__sky_map=name)
+    with pytest.raises(ws.InputError, match=f"^background.sky_map: .*{words}"):
+        scene_report(own.scenario)

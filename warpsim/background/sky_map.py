@@ -6,6 +6,9 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from warpsim.background.function_map import function_plates
 from warpsim.background.healpix_map import healpix_map
 from warpsim.background.image_map import celestial_wcs, image_map
@@ -15,7 +18,9 @@ from warpsim.config.fields import FUNCTION
 from warpsim.errors import InputError, one_line
 from warpsim.radiometry.band import Band
 
-__all__ = ["radiance_scales", "read_sky_map", "response_width_hz", "sky_map_plates"]
+__all__ = ["radiance_scales", "response_width_hz", "sky_map_plates", "sky_map_sizes"]
+
+Array = NDArray[np.float64]
 
 
 def sky_map_plates(path: str, bands: list[Band]) -> list[SkyPlate]:
@@ -35,6 +40,22 @@ def sky_map_plates(path: str, bands: list[Band]) -> list[SkyPlate]:
     if path.startswith(FUNCTION):
         return function_plates(path, bands)
     return read_sky_map(path, bands).plates()
+
+
+def sky_map_sizes(path: str, bands: list[Band]) -> Array:
+    """Return the median and the largest radiance of a map in each band [W/cm2/sr], (n_band, 2), over its finite pixels.
+
+    Those of a function are over its nodes.
+
+    Raises:
+        InputError: As `sky_map_plates`.
+    """
+    if not path.startswith(FUNCTION):
+        return read_sky_map(path, bands).size_w_cm2_sr
+    light = np.concatenate(
+        [plate.radiance_w_cm2_sr.reshape(len(bands), -1) for plate in function_plates(path, bands)], 1
+    )
+    return np.stack([np.median(light, axis=1), light.max(axis=1)], axis=1)
 
 
 def read_sky_map(path: str, bands: list[Band]) -> SkyMap:
