@@ -333,6 +333,7 @@ def test_a_map_with_wcs_lies_where_its_header_says(scene, tmp_path):
         ({"background__sky_map": "no-such.fits"}, "must be a file that exists"),
         ({"background__stray_light": {"angle_deg": [0, 1], "ratio_sr": [1.0]}}, "must hold 2 numbers"),
         ({"background__stray_light": {"angle_deg": [5, 1], "ratio_sr": [1.0, 1.0]}}, "angles or more that increase"),
+        ({"background__stray_light": {"angle_deg": [0, 1], "ratio_sr": [1e39, 1.0]}}, "must be in [0, 1e+30]"),
         ({"background__zodi": True}, "zodi"),
     ],
 )
@@ -465,19 +466,37 @@ def test_an_image_is_added_to_every_pixel(scene, tmp_path, kind, planes):
     [
         (
             np.zeros((4, 4)),
-            r"must have shape \(128, 128\), or \(\d, 128, 128\) with a plane for each band, got \(4, 4\)",
+            r"must have shape \(128, 128\), or \(\d, 128, 128\) with a plane for each band, has \(4, 4\)",
         ),
-        (np.full((128, 128), -1.0), "must hold finite numbers of 0 or more"),
-        (np.full((128, 128), np.nan), "must hold finite numbers of 0 or more"),
+        (np.full((128, 128), -1.0), "must hold finite numbers of 0 or more .* has -1 in row 0, column 0"),
+        (np.full((128, 128), np.nan), "must hold finite numbers of 0 or more .* has nan in row 0, column 0"),
+        (np.full((128, 128), 1e39), r"must hold finite numbers of 0 or more that float32 holds, has 1e\+39"),
+        (np.full((128, 128), 1j), "must hold real numbers, has complex128"),
+        (np.full((128, 128), "a"), "must hold real numbers, has <U1"),
+        (np.zeros((128, 128), dtype=bool), "must hold real numbers, has bool"),
     ],
-    ids=["shape", "negative", "not finite"],
+    ids=["shape", "negative", "not finite", "beyond float32", "complex", "text", "switches"],
 )
 def test_images_that_do_not_fit_are_named(scene, tmp_path, image, words):
     np.save(tmp_path / "x.npy", image)
-    with pytest.raises(ws.InputError, match=f"background.image: {words}"):
+    with pytest.raises(ws.InputError, match=f"background.image: .*x.npy: {words}"):
         rendered(scene, image=tmp_path / "x.npy")
     with pytest.raises(ws.InputError, match=r"background.image: must be a file that exists"):
         rendered(scene, image=tmp_path / "none.npy")
+
+
+@pytest.mark.parametrize("name", ["x.npy", "x.fits"])
+@pytest.mark.parametrize("content", [b"", b"hello", "early"])
+def test_images_that_are_damaged_are_one_line_in_check_too(scene, tmp_path, name, content):
+    image = np.zeros((128, 128))
+    np.save(tmp_path / name, image) if name == "x.npy" else fits.writeto(tmp_path / name, image)
+    whole = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(whole[:9000] if content == "early" else content)
+    own = scene.replace(background__image=tmp_path / name)
+    for use in (lambda: scene_report(own.scenario), lambda: ws.Renderer(own, "cpu").render([60])):
+        with pytest.raises(ws.InputError, match=r"^background.image: .*: cannot be read \(") as caught:
+            use()
+        assert "\n" not in str(caught.value)
 
 
 def test_scene_files_name_their_map_and_image_from_their_folder(scene, tmp_path):

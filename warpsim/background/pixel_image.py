@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import InputError
+from warpsim.background.map_units import LARGEST
+from warpsim.errors import InputError, one_line
 
 
 def read_pixel_image(path: str, n_band: int, n_row: int, n_col: int) -> NDArray[np.float32]:
@@ -20,24 +23,37 @@ def read_pixel_image(path: str, n_band: int, n_row: int, n_col: int) -> NDArray[
         n_col: Columns.
 
     Raises:
-        InputError: No such file, another shape, or values that are negative or not finite.
+        InputError: No such file, another shape, no real numbers, or values that are negative,
+            not finite or beyond float32.
     """
+    field = "background.image"
     if not Path(path).is_file():
-        raise InputError("must be a file that exists", "background.image", path)
+        raise InputError("must be a file that exists", field, path)
     try:
-        if path.lower().endswith(".npy"):
-            values = np.load(path, allow_pickle=False)
-        else:
-            from astropy.io import fits
-
-            values = fits.getdata(path)
-        image = np.asarray(values, dtype=np.float64)
-    except (OSError, ValueError, TypeError, IndexError) as error:
-        raise InputError(f"cannot be read: {str(error).splitlines()[0]}", "background.image", path) from None
-    if image.shape not in ((n_row, n_col), (n_band, n_row, n_col)):
+        values = np.asarray(_stored(path))
+    except Exception as error:  # astropy and NumPy raise many kinds for a broken file
+        raise InputError(f"cannot be read ({one_line(error)})").of(path).within(field) from None
+    if values.dtype.kind not in "fiu":
+        raise InputError(f"must hold real numbers, has {values.dtype}").of(path).within(field)
+    if values.shape not in ((n_row, n_col), (n_band, n_row, n_col)):
         both = f"{(n_row, n_col)}, or {(n_band, n_row, n_col)} with a plane for each band"
-        rule = f"must have shape {both}, got {image.shape}"
-        raise InputError(rule, "background.image", path)
-    if not np.isfinite(image).all() or (image < 0.0).any():
-        raise InputError("must hold finite numbers of 0 or more", "background.image", path)
-    return np.array(np.broadcast_to(image, (n_band, n_row, n_col)), dtype=np.float32)
+        raise InputError(f"must have shape {both}, has {values.shape}").of(path).within(field)
+    if (bad := ~((values >= 0) & (values <= LARGEST))).any():
+        index = np.unravel_index(bad.argmax(), values.shape)
+        plane = f"plane {index[0]}, " if values.ndim == 3 else ""
+        where = f"{values[index]:g} in {plane}row {index[-2]}, column {index[-1]}"
+        raise (
+            InputError(f"must hold finite numbers of 0 or more that float32 holds, has {where}").of(path).within(field)
+        )
+    return np.array(np.broadcast_to(values, (n_band, n_row, n_col)), dtype=np.float32)
+
+
+def _stored(path: str) -> Any:
+    """The array in a file."""
+    if path.lower().endswith(".npy"):
+        return np.load(path, allow_pickle=False)
+    from astropy.io import fits
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of damage, which fails where it matters
+        return fits.getdata(path)

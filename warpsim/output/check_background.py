@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from warpsim.background.pixel_image import read_pixel_image
+from warpsim.background.sky_map import sky_map_sizes
 from warpsim.background.zodiacal import zodiacal_map
 from warpsim.constants import ASTRONOMICAL_UNIT_M
 from warpsim.output.check_views import field_contents
@@ -22,10 +23,18 @@ _W_CM2_PER_W_M2 = 1e-4
 
 
 def background_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:
-    """Return a line for each band: the background in a pixel in the middle of the frame [NEI], on or left out."""
+    """Return a line for each band: the background in a pixel in the middle of the frame [NEI], on or left out.
+
+    One more for a map, and for an image, of the user's.
+
+    Raises:
+        InputError: The map or the image cannot be read, or the function cannot be called.
+    """
     boresights = _boresights(instrument, frames_of)
-    if not len(boresights):
-        return []
+    return [*(_sky_lines(instrument, scenario, boresights) if len(boresights) else []), *_own_lines(instrument)]
+
+
+def _sky_lines(instrument: Instrument, scenario: Scenario, boresights: npt.NDArray[np.float64]) -> list[str]:
     wanted, camera = instrument.background, instrument.sensor.camera
     pixel_sr = 1 / (camera.focal_px * camera.focal_row_px)
     sun_m = scenario.tracks.sun.position_at_m(np.array([scenario.scene.duration_s / 2]))[0]
@@ -46,18 +55,34 @@ def background_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapp
         filled = [what for what, level in levels.items() if level >= sei]
         if filled:
             lines.append(f"  warning: {' and '.join(filled)} saturates pixels in {name}, whose SEI is {sei:.3g} NEI")
+    return lines
+
+
+def _own_lines(instrument: Instrument) -> list[str]:
+    """Lines of the user's map and image, which are read or called: their sizes in each band [NEI]."""
+    wanted, camera = instrument.background, instrument.sensor.camera
+    pixel_sr = 1 / (camera.focal_px * camera.focal_row_px)
+    bands = list(instrument.bands.values())
+    nei_w_cm2 = [instrument.nei_w_cm2(name) for name in instrument.bands]
+    lines = []
     if wanted.sky_map is not None:
-        lines.append(f"             map {wanted.sky_map}")
+        ends = sky_map_sizes(wanted.sky_map, bands) * pixel_sr
+        lines.append(
+            f"  background map {wanted.sky_map}, median to maximum: {_ranges(instrument.bands, ends, nei_w_cm2)}"
+        )
     if wanted.image is not None:
         planes = read_pixel_image(wanted.image, len(bands), camera.n_row, camera.n_col)
-        sizes = [
-            f"{name} {plane.min() / nei:.2g} to {plane.max() / nei:.2g}"
-            for name, plane, nei in zip(
-                instrument.bands, planes, map(instrument.nei_w_cm2, instrument.bands), strict=True
-            )
-        ]
-        lines.append(f"             image {wanted.image}: {', '.join(sizes)} NEI")
+        ends = np.array([[plane.min(), plane.max()] for plane in planes], dtype=np.float64)
+        lines.append(f"  background image {wanted.image}: {_ranges(instrument.bands, ends, nei_w_cm2)}")
     return lines
+
+
+def _ranges(names: Iterable[str], ends_w_cm2: npt.NDArray[np.float64], nei_w_cm2: Sequence[float]) -> str:
+    texts = [
+        f"{name} {low / nei:.2g} to {high / nei:.2g}"
+        for name, (low, high), nei in zip(names, ends_w_cm2, nei_w_cm2, strict=True)
+    ]
+    return f"{', '.join(texts)} NEI"
 
 
 def _boresights(instrument: Instrument, frames_of: Mapping[str, Sequence[int]]) -> npt.NDArray[np.float64]:

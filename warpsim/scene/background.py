@@ -18,6 +18,9 @@ from warpsim.config.fields import (
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 
+Ratio = Annotated[Positive, closed_interval(0, 1e30)]
+"""Radiance per irradiance [1/sr]; far larger ones would overflow float32 radiances."""
+
 Angle = Annotated[Number, closed_interval(0, 180)]
 """Off the boresight [deg]."""
 
@@ -39,7 +42,7 @@ class StrayLight:
     """
 
     angle_deg: Annotated[tuple[Angle, ...], BeforeValidator(as_tuple)]
-    ratio_sr: Annotated[tuple[Positive, ...], BeforeValidator(as_tuple)]
+    ratio_sr: Annotated[tuple[Ratio, ...], BeforeValidator(as_tuple)]
     sun: Switch = True
     moon: Switch = True
     earth: Switch = True

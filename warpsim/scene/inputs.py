@@ -7,6 +7,7 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
+from warpsim.background.function_map import function_checksum
 from warpsim.config.fields import FUNCTION
 from warpsim.detector.pixel_maps import PLACE
 from warpsim.scene.instrument import Instrument
@@ -15,7 +16,13 @@ from warpsim.scene.scenario import Scenario
 
 
 def input_checksums(scenario: Scenario) -> dict[str, str]:
-    """Return the SHA-256 of each input file as the scenario has read it, by path; without the star catalog."""
+    """Return the SHA-256 of each input file as the scenario has read it, by path; without the star catalog.
+
+    A function of the user's is an input too, by its name: that of what it returns.
+
+    Raises:
+        InputError: The function cannot be called.
+    """
     found: dict[str, str] = {}
     scene = scenario.scene
 
@@ -33,7 +40,9 @@ def input_checksums(scenario: Scenario) -> dict[str, str]:
 
     walk((scene.constellation, scene.groups))
     for path in (scene.background.sky_map, scene.background.image):
-        if path is not None and not path.startswith(FUNCTION) and Path(path).is_file():
+        if path is not None and path.startswith(FUNCTION):
+            found[path] = function_checksum(path, list(scenario.bands.values()))
+        elif path is not None and Path(path).is_file():
             found[path] = hashlib.sha256(Path(path).read_bytes()).hexdigest()
     for name in scenario.bands:
         found |= scene.band[name].checksums if name in scene.band else {}
