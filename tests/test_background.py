@@ -1,6 +1,7 @@
 """Background: zodiacal light, the Earth, stray light and maps of the sky, against what shares no code with them."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from warpsim.orbit.earth import grazing_altitude_m
 from warpsim.orbit.sun import earth_states
 from warpsim.output.check import scene_report
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
+from warpsim.radiometry.sun_and_earth import earth_albedo
 from warpsim.scene.inputs import input_checksums
 
 REFERENCE = json.loads((Path(__file__).parent / "data" / "zodiacal_reference.json").read_text())["cases"]
@@ -243,6 +245,29 @@ def test_the_disc_has_the_radiance_of_its_temperature(scene):
         assert light[-1, camera.n_col // 2] == pytest.approx(expected, rel=1e-4), name
 
 
+@pytest.mark.parametrize(("lighting", "albedo"), [({}, None), ({"earth_albedo": 0.25}, 0.25)])
+def test_the_sunlit_disc_has_the_albedo_of_the_band(scene, lighting, albedo):
+    bands = dict.fromkeys(("B1", "B2", "A"))
+    own = at_altitude(scene.replace(bands=list(bands), lighting=lighting), 800.0, 0.0)
+    added, frames = added_w_cm2(own, sensors="one", earth=True)
+    tracks, camera = frames.scenario.tracks, frames.instrument.sensor.camera
+    sun_m, position_m = tracks.sun.position_at_m(frames.time_s)[0], tracks.satellites[0].state(frames.time_s)[0][0]
+    cosine = sun_m @ position_m / np.linalg.norm(sun_m) / np.linalg.norm(position_m)
+    assert cosine > 0.3
+    for number, name in enumerate(bands):
+        night = float(band_radiance_w_m2_sr(own.lighting.earth_k_in(ws.bands()[name]), name)) * 1e-4
+        sun_w_cm2 = own.lighting.sun_w_m2_in(ws.bands()[name]) * 1e-4
+        reflected = added[0, 0, number, 4, 4] * camera.focal_px * camera.focal_row_px - night
+        expected = (earth_albedo(name) if albedo is None else albedo) * sun_w_cm2 / np.pi * cosine
+        assert reflected == pytest.approx(expected, rel=0.05, abs=1e-3 * night), name  # of the Sun's distance
+        if name == "B1":
+            noon_over_night = 1 + (earth_albedo(name) if albedo is None else albedo) * sun_w_cm2 / np.pi / night
+    assert own.lighting.earth_albedo_in(ws.bands()["B1"]) == (0.3 if albedo is None else albedo)  # of targets
+    report = scene_report(scene.replace(bands=["B1"], lighting=lighting).scenario)
+    said = [float(number) for number in re.search(r"Earth (\S+) by night and (\S+) under the Sun", report).groups()]
+    assert said[1] / said[0] == pytest.approx(noon_over_night, rel=0.1)  # of two digits
+
+
 def test_stray_light_of_the_sun_is_its_irradiance_times_the_ratio(scene):
     table = {"angle_deg": [0.0, 90.0, 180.0], "ratio_sr": [1e-6, 1e-6, 1e-6], "moon": False, "earth": False}
     added, frames = added_w_cm2(scene, stray_light=table)
@@ -341,7 +366,7 @@ def test_stray_light_of_the_earth_by_parts_of_its_disc(scene, altitude_km, recor
         ratio = np.exp(np.interp(angle_deg, STRAY["angle_deg"], np.log(STRAY["ratio_sr"])))
         for number, band in enumerate((heat, visible)):
             emitted = float(band_radiance_w_m2_sr(own.lighting.earth_k_in(band), band)) * 1e-4
-            light = own.lighting.earth_albedo_in(band) * own.lighting.sun_w_m2_in(band) * 1e-4 / np.pi / r_au**2
+            light = earth_albedo(band) * own.lighting.sun_w_m2_in(band) * 1e-4 / np.pi / r_au**2
             expected = (area_sr * ratio * (emitted + light * cosine)).sum()
             found = added[0, 0, number, 4, 4] * camera.focal_px * camera.focal_row_px
             errors[band.name].append(found / expected - 1)

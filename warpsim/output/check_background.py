@@ -36,7 +36,7 @@ def background_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapp
         nei_sr = instrument.nei_w_cm2(name) / pixel_sr
         low, high = zodiacal.min() / nei_sr, zodiacal.max() / nei_sr
         night = float(band_radiance_w_m2_sr(lighting.earth_k_in(band), band)) * _W_CM2_PER_W_M2
-        noon = night + lighting.earth_albedo_in(band) * lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2 / math.pi
+        noon = night + lighting.background_albedo_in(band) * lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2 / math.pi
         off = "" if wanted.zodiacal else " (left out)"
         earth = "" if wanted.earth else " (left out)"
         text = f"zodiacal light {low:.2g} to {high:.2g} NEI{off}, Earth {night / nei_sr:.2g} by night and "

@@ -184,7 +184,7 @@ def _earth_struct(tracks: Tracks, bands: list[Band], lighting: Lighting, device:
     disc = [
         (
             float(band_radiance_w_m2_sr(lighting.earth_k_in(band), band)) * _W_CM2_PER_W_M2,
-            lighting.earth_albedo_in(band) * lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2 / math.pi,
+            lighting.background_albedo_in(band) * lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2 / math.pi,
         )
         for band in bands
     ]
