@@ -165,6 +165,24 @@ def test_truth_has_the_level_behind_each_target(scene):
     assert not row["earth_behind"]
 
 
+def test_truth_has_the_light_of_the_targets_own_pixel(scene):
+    """Of a column of targets before the limb, whose own light is faint."""
+    wide = scene.replace(camera__fov_deg=20.0, optics__aperture_m=0.02)
+    frames_of = range(20, 140, 6)
+    added, frames = added_w_cm2(wide, frames_of, zodiacal=True, earth=True)
+    plain = ws.Renderer(wide, "cpu").render(list(frames_of), keep_signal=True).signal_w_cm2.numpy()
+    truth = frames.truth
+    truth = truth[truth["in_fov"]]
+    at = [list(frames_of).index(frame) for frame in truth["frame"]], [frames.sensors.index(n) for n in truth["sensor"]]
+    band = [frames.bands.index(name) for name in truth["band"]]
+    x, y = (np.floor(truth[name] + 0.5).astype(int) for name in ("x_px", "y_px"))
+    pixel, others = added[*at, band, y, x], added[*at, band, np.minimum(y + 1, 127), x]
+    dim = plain[*at, band, y, x] < 10 * pixel
+    sharp = dim & (np.abs(others / pixel - 1) > 0.1)
+    assert dim.sum() > 100 and sharp.sum() > 10
+    np.testing.assert_allclose(truth["background_w_cm2"][dim], pixel[dim], rtol=1e-4)
+
+
 def electrons(scene):
     detector = {"kind": "electron", "exposure_s": 0.1, "full_well_e": 1e6, "gain_e_per_count": 60.0}
     return scene.replace(detector=detector | {"read_noise_e": 50.0, "dark_e_s": 1e4}, optics__aperture_m=0.3)

@@ -561,7 +561,7 @@ def image_of_targets_kernel(
 
 @functools.cache
 def make_background_of_targets_kernel(earth: bool) -> wp.Kernel:
-    """Kernel over views and targets: the background in a target's pixel, for the truth."""
+    """Kernel over views and targets: the background in the pixel that holds a target, for the truth."""
 
     @wp.kernel(module="unique", enable_backward=False)
     def background_of_targets_kernel(
@@ -575,7 +575,8 @@ def make_background_of_targets_kernel(earth: bool) -> wp.Kernel:
     ):
         view, target = wp.tid()
         step = wp.float64(background.step_px)
-        x, y = xy_px[view, target][0] / step, xy_px[view, target][1] / step
+        pixel = xy_px[view, target] + wp.vec2d(wp.float64(0.5), wp.float64(0.5))
+        x, y = wp.floor(pixel[0]) / step, wp.floor(pixel[1]) / step
         n_band = sky_w_cm2.shape[1]
         if (
             x < wp.float64(-1.0)
