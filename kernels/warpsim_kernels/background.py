@@ -17,6 +17,9 @@ RUN = 32
 HIGHEST_KM = wp.constant(400.0)
 """Lines of sight that pass higher, or away from the Earth, have this height."""
 
+NARROW_KM = wp.constant(0.5)
+"""Heights within which the limb hardly bends."""
+
 SPEED_OF_LIGHT_M_S = wp.constant(wp.float64(299792458.0))
 
 
@@ -166,17 +169,18 @@ def earth_geometry(earth: EarthShine, position_m: wp.vec3d, direction: wp.vec3d,
     place = nearest
     if height < wp.float64(0.0):
         place = nearest - line * wp.sqrt(-height * (wp.length(nearest) + earth.radius_km))
-    return wp.vec2d(wp.min(height, wp.float64(HIGHEST_KM)), wp.dot(wp.normalize(place), sun))
+    stretched = wp.max(wp.length(as_sphere(earth, wp.normalize(nearest))), wp.float64(1.0))  # of heights there
+    return wp.vec2d(wp.min(height / stretched, wp.float64(HIGHEST_KM)), wp.dot(wp.normalize(place), sun))
 
 
 @wp.func
 def column_above(earth: EarthShine, band: int, term: int, height_km: float) -> float:
-    """Integral of the radiance over height from a height up, on the disc below 0 [km W/cm2/sr].
+    """Integral of the limb's radiance over height from a height up, below 0 as at 0 [km W/cm2/sr].
 
     From above, so that the thin air's light is not the difference of large numbers.
     """
     if height_km <= 0.0:
-        return earth.above_km_w_cm2_sr[band, term, 0] - earth.disc_w_cm2_sr[band, term] * height_km
+        return earth.above_km_w_cm2_sr[band, term, 0] - earth.limb_w_cm2_sr[band, term, 0] * height_km
     place = height_km / earth.step_km
     node = int(place)
     if node >= earth.n_height - 1:
@@ -188,13 +192,50 @@ def column_above(earth: EarthShine, band: int, term: int, height_km: float) -> f
 
 
 @wp.func
-def earth_radiance(earth: EarthShine, band: int, height_km: float, width_km: float, sun_cosine: float) -> float:
-    """Mean radiance of the limb or the disc over a pixel that spans some heights [W/cm2/sr]."""
-    half = 0.5 * wp.max(width_km, 0.02)
-    low, high = height_km - half, height_km + half
+def disc_part(height_km: float, span_km: wp.vec2) -> float:
+    """Part of a pixel whose lines of sight meet the ground; its heights span the sum of two even spreads."""
+    wide, narrow = wp.max(wp.max(span_km[0], span_km[1]), 0.02), wp.min(span_km[0], span_km[1])
+    rest = 0.5 * (wide + narrow) - wp.abs(height_km)
+    part = float(0.0)
+    if rest >= narrow:
+        part = (rest - 0.5 * narrow) / wide
+    elif rest > 0.0:
+        part = 0.5 * rest * rest / (wide * narrow)
+    if height_km < 0.0:
+        return 1.0 - part
+    return part
+
+
+@wp.func
+def mean_air(earth: EarthShine, band: int, height_km: float, width_km: float, sun_cosine: float) -> float:
+    """Mean radiance of the limb over some heights, as at the ground below it [W/cm2/sr]."""
+    low, high = height_km - 0.5 * width_km, height_km + 0.5 * width_km
+    lit = wp.max(sun_cosine, 0.0)
+    if high <= 0.0:
+        return earth.limb_w_cm2_sr[band, 0, 0] + lit * earth.limb_w_cm2_sr[band, 1, 0]
     emitted = column_above(earth, band, 0, low) - column_above(earth, band, 0, high)
     reflected = column_above(earth, band, 1, low) - column_above(earth, band, 1, high)
-    return (emitted + reflected * wp.max(sun_cosine, 0.0)) / (2.0 * half)
+    return (emitted + reflected * lit) / width_km
+
+
+@wp.func
+def earth_radiance(earth: EarthShine, band: int, height_km: float, span_km: wp.vec2, sun_cosine: float) -> float:
+    """Mean radiance of the limb and the disc over a pixel [W/cm2/sr]; its heights span the sum of two even spreads.
+
+    The narrower spread of the limb, which is smooth, is two Gauss nodes, or is added to the wider one's variance.
+    """
+    wide, narrow = wp.max(wp.max(span_km[0], span_km[1]), 0.02), wp.min(span_km[0], span_km[1])
+    air = float(0.0)
+    if narrow < NARROW_KM:
+        air = mean_air(earth, band, height_km, wp.sqrt(wide * wide + narrow * narrow), sun_cosine)
+    else:
+        off = 0.2886751 * narrow
+        upper = mean_air(earth, band, height_km + off, wide, sun_cosine)
+        air = 0.5 * (upper + mean_air(earth, band, height_km - off, wide, sun_cosine))
+    lit = wp.max(sun_cosine, 0.0)
+    disc = earth.disc_w_cm2_sr[band, 0] + lit * earth.disc_w_cm2_sr[band, 1]
+    ground = earth.limb_w_cm2_sr[band, 0, 0] + lit * earth.limb_w_cm2_sr[band, 1, 0]
+    return air + disc_part(height_km, span_km) * (disc - ground)
 
 
 @wp.func
@@ -452,11 +493,11 @@ def earth_at(background: Background, earth_km: wp.array2d[float], band: int, nod
     n, step = background.n_across, float(background.step_px)
     left, right = wp.lerp(heights[node], heights[node + n], v), wp.lerp(heights[node + 1], heights[node + n + 1], v)
     down = wp.lerp(heights[node + n] - heights[node], heights[node + n + 1] - heights[node + 1], u)
-    width_km = (wp.abs(right - left) + wp.abs(down)) / step
+    span_km = wp.vec2(wp.abs(right - left), wp.abs(down)) / step
     upper, lower = wp.lerp(cosines[node], cosines[node + 1], u), wp.lerp(cosines[node + n], cosines[node + n + 1], u)
     height_km = wp.lerp(left, right, u)
-    covered = wp.clamp(0.5 - height_km / wp.max(width_km, 0.02), 0.0, 1.0)
-    return wp.vec2(earth_radiance(background.earth, band, height_km, width_km, wp.lerp(upper, lower, v)), covered)
+    radiance = earth_radiance(background.earth, band, height_km, span_km, wp.lerp(upper, lower, v))
+    return wp.vec2(radiance, disc_part(height_km, span_km))
 
 
 @functools.cache
