@@ -267,21 +267,23 @@ def test_the_disc_has_the_radiance_of_its_temperature(scene):
         assert light[-1, camera.n_col // 2] == pytest.approx(expected, rel=1e-4), name
 
 
+@pytest.mark.parametrize(("epoch_utc", "raan_deg"), [("2025-01-04T14:00:00", 200.0), ("2025-07-04T14:00:00", 20.0)])
 @pytest.mark.parametrize(("lighting", "albedo"), [({}, None), ({"earth_albedo": 0.25}, 0.25)])
-def test_the_sunlit_disc_has_the_albedo_of_the_band(scene, lighting, albedo):
+def test_the_sunlit_disc_has_the_albedo_of_the_band(scene, lighting, albedo, epoch_utc, raan_deg):
     bands = dict.fromkeys(("B1", "B2", "A"))
-    own = at_altitude(scene.replace(bands=list(bands), lighting=lighting), 800.0, 0.0)
+    own = at_altitude(scene.replace(bands=list(bands), lighting=lighting, epoch_utc=epoch_utc), 800.0, 0.0, raan_deg)
     added, frames = added_w_cm2(own, sensors="one", earth=True)
     tracks, camera = frames.scenario.tracks, frames.instrument.sensor.camera
     sun_m, position_m = tracks.sun.position_at_m(frames.time_s)[0], tracks.satellites[0].state(frames.time_s)[0][0]
     cosine = sun_m @ position_m / np.linalg.norm(sun_m) / np.linalg.norm(position_m)
-    assert cosine > 0.3
+    r_au = np.linalg.norm(sun_m) / 1.495978707e11
+    assert cosine > 0.3 and abs(r_au - 1) > 0.015
     for number, name in enumerate(bands):
         night = float(band_radiance_w_m2_sr(own.lighting.earth_k_in(ws.bands()[name]), name)) * 1e-4
         sun_w_cm2 = own.lighting.sun_w_m2_in(ws.bands()[name]) * 1e-4
         reflected = added[0, 0, number, 4, 4] * camera.focal_px * camera.focal_row_px - night
-        expected = (earth_albedo(name) if albedo is None else albedo) * sun_w_cm2 / np.pi * cosine
-        assert reflected == pytest.approx(expected, rel=0.05, abs=1e-3 * night), name  # of the Sun's distance
+        expected = (earth_albedo(name) if albedo is None else albedo) * sun_w_cm2 / np.pi * cosine / r_au**2
+        assert reflected == pytest.approx(expected, rel=5e-3, abs=1e-5 * night), name  # of geodetic verticals
         if name == "B1":
             noon_over_night = 1 + (earth_albedo(name) if albedo is None else albedo) * sun_w_cm2 / np.pi / night
     assert own.lighting.earth_albedo_in(ws.bands()["B1"]) == (0.3 if albedo is None else albedo)  # of targets
@@ -328,16 +330,15 @@ def test_stray_light_of_the_earth_is_that_of_its_disc(scene):
 STRAY = {"angle_deg": [0, 10, 30, 60, 90, 180], "ratio_sr": [1e-1, 1e-3, 1e-5, 1e-6, 1e-7, 1e-8]}
 
 
-def at_altitude(scene, altitude_km, off_nadir_deg, **more):
+def at_altitude(scene, altitude_km, off_nadir_deg, raan_deg=200.0):
     """A small camera over the equator's day side, so far off the nadir, along the orbit."""
-    orbit = {"kind": "elements", "altitude_km": altitude_km, "inclination_deg": 30.0, "raan_deg": 200.0}
+    orbit = {"kind": "elements", "altitude_km": altitude_km, "inclination_deg": 30.0, "raan_deg": raan_deg}
     return scene.replace(
         constellation={"kind": "listed", "satellites": [{"name": "one", "orbit": orbit}]},
         access_rules={},
         camera={"n_row": 8, "n_col": 8, "fov_deg": 1.0},
         pointing={"kind": "fixed", "azimuth_elevation_deg": [0.0, off_nadir_deg - 90.0]},
         groups=[],
-        **more,
     )
 
 
@@ -382,7 +383,7 @@ def test_stray_light_of_the_earth_by_parts_of_its_disc(scene, altitude_km, recor
         added, frames = added_w_cm2(own, sensors="one", stray_light=STRAY | {"sun": False, "moon": False})
         tracks, camera = frames.scenario.tracks, frames.instrument.sensor.camera
         sun_m = tracks.sun.position_at_m(frames.time_s)[0]
-        sun, r_au = sun_m / np.linalg.norm(sun_m), 1.0
+        sun, r_au = sun_m / np.linalg.norm(sun_m), np.linalg.norm(sun_m) / 1.495978707e11
         position_m = tracks.satellites[0].state(frames.time_s)[0][0]
         area_sr, angle_deg, cosine = earth_seen(position_m, frames.axes_icrs[0, 0, 2], sun, np.array(tracks.pole_icrs))
         ratio = np.exp(np.interp(angle_deg, STRAY["angle_deg"], np.log(STRAY["ratio_sr"])))
@@ -406,6 +407,8 @@ def test_the_moon_is_as_bright_as_measured():
     disc = np.pi * (1.7374e6 / 3.844e8) ** 2
     hottest = float(band_radiance_w_m2_sr(SUBSOLAR_K, narrow(10.0))) * 1e-4 * disc
     assert 0.6 * hottest < thermal < 0.95 * hottest
+    nearer = moon_irradiance_w_cm2([visible, narrow(4.0)], np.array([1.0, 0.0]), full, 0.99 * sun_m)[:, 0]
+    assert nearer[0] / ratio == pytest.approx(0.99**-2, rel=1e-3)  # sunlight at the Moon
     # Full Moon of 3 January 2026, 10:03 UTC: opposite to the Sun but for its latitude.
     moon_m, sun_then_m = moon_position_m(moon, 0.0), earth_states(moon, 0.0).sun_m
     cosine = moon_m @ sun_then_m / np.linalg.norm(moon_m) / np.linalg.norm(sun_then_m)

@@ -42,6 +42,7 @@ class SunPath:
     start_s: wp.float64
     step_s: wp.float64
     direction: wp.array[wp.vec3d]  # (n_time,) ICRS
+    strength: wp.array[float]  # (n_time,) sunlight over that at 1 au
     middle: wp.vec3d
     ecliptic_pole: wp.vec3d
 
@@ -98,12 +99,26 @@ class Background:
 
 
 @wp.func
+def sun_place(sun: SunPath, time_s: wp.float64) -> wp.float64:
+    """Where a time is among the nodes of the Sun's path."""
+    return wp.clamp((time_s - sun.start_s) / sun.step_s, wp.float64(0.0), wp.float64(sun.direction.shape[0] - 1))
+
+
+@wp.func
 def sun_direction(sun: SunPath, time_s: wp.float64) -> wp.vec3d:
     """Direction of the Sun at a time."""
-    place = wp.clamp((time_s - sun.start_s) / sun.step_s, wp.float64(0.0), wp.float64(sun.direction.shape[0] - 1))
+    place = sun_place(sun, time_s)
     node = wp.min(int(place), sun.direction.shape[0] - 2)
     part = place - wp.float64(node)
     return wp.normalize(sun.direction[node] * (wp.float64(1.0) - part) + sun.direction[node + 1] * part)
+
+
+@wp.func
+def sun_strength(sun: SunPath, time_s: wp.float64) -> float:
+    """Sunlight at the Earth over that at 1 au."""
+    place = sun_place(sun, time_s)
+    node = wp.min(int(place), sun.strength.shape[0] - 2)
+    return wp.lerp(sun.strength[node], sun.strength[node + 1], float(place - wp.float64(node)))
 
 
 @wp.func
@@ -369,11 +384,7 @@ def stray_light_kernel(
     stray, earth = background.stray, background.earth
     position, boresight = seen.position_m, wp.vec3d(seen.axes[2, 0], seen.axes[2, 1], seen.axes[2, 2])
     sun = sun_direction(background.sun, time_s[view])
-    place = wp.clamp(
-        (time_s[view] - background.sun.start_s) / background.sun.step_s,
-        wp.float64(0.0),
-        wp.float64(stray.moon_m.shape[0] - 1),
-    )
+    place = sun_place(background.sun, time_s[view])
     node = wp.min(int(place), stray.moon_m.shape[0] - 2)
     part = place - wp.float64(node)
     moon_m = stray.moon_m[node] * (wp.float64(1.0) - part) + stray.moon_m[node + 1] * part
@@ -383,7 +394,7 @@ def stray_light_kernel(
         ratio_sun = stray_ratio(stray, boresight, sun)
     if is_seen(earth, position, moon):
         ratio_moon = stray_ratio(stray, boresight, moon)
-    of_earth = wp.vec2(0.0, 0.0)
+    of_earth, strength = wp.vec2(0.0, 0.0), sun_strength(background.sun, time_s[view])
     if stray.earth:
         of_earth = stray_of_earth(stray, earth_cap(earth, position, boresight, sun))
     for band in range(stray_w_cm2_sr.shape[1]):
@@ -391,7 +402,7 @@ def stray_light_kernel(
         of_sun = wp.lerp(light[0, node], light[0, node + 1], float(part))
         of_moon = wp.lerp(light[1, node], light[1, node + 1], float(part))
         bodies = ratio_sun * of_sun + ratio_moon * of_moon
-        stray_w_cm2_sr[view, band] = bodies + of_earth[0] * disc[0] + of_earth[1] * disc[1]
+        stray_w_cm2_sr[view, band] = bodies + of_earth[0] * disc[0] + of_earth[1] * strength * disc[1]
 
 
 @functools.cache
@@ -407,7 +418,7 @@ def make_background_nodes_kernel(earth: bool, stray: bool) -> wp.Kernel:
         stray_w_cm2_sr: wp.array2d[float],  # (n_view, n_band); where on
         # out
         sky_w_cm2: wp.array3d[float],  # (n_view, n_band, n_node) in a pixel
-        earth_km: wp.array3d[float],  # (n_view, 2, n_node) height, and cosine of the Sun's zenith angle; where on
+        earth_km: wp.array3d[float],  # (n_view, 2, n_node) height, and sunlight on the ground over 1 au's; where on
     ):
         view, node = wp.tid()
         seen = views[view]
@@ -418,7 +429,7 @@ def make_background_nodes_kernel(earth: bool, stray: bool) -> wp.Kernel:
         if wp.static(earth):
             place = earth_geometry(background.earth, seen.position_m, apparent, sun)
             earth_km[view, 0, node] = float(place[0])
-            earth_km[view, 1, node] = float(place[1])
+            earth_km[view, 1, node] = float(place[1]) * sun_strength(background.sun, time_s[view])
         for band in range(sky_w_cm2.shape[1]):
             radiance = sky_radiance(background.plates, band, direction, sunward)
             if wp.static(stray):

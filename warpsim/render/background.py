@@ -169,6 +169,8 @@ def _sun_struct(tracks: Tracks, duration_s: float, device: wp.Device) -> Any:
     sun: Any = SunPath()
     sun.start_s, sun.step_s = tracks.start_s, tracks.step_s
     sun.direction = wp.array(towards(tracks.sun.position_m), dtype=wp.vec3d, device=device)
+    strength = (ASTRONOMICAL_UNIT_M / np.linalg.norm(tracks.sun.position_m, axis=1)) ** 2
+    sun.strength = wp.array(strength.astype(np.float32), dtype=wp.float32, device=device)
     sun.middle = wp.vec3d(*towards(tracks.sun.state(duration_s / 2)[0]))
     sun.ecliptic_pole = wp.vec3d(*ECLIPTIC_AXES[2])
     return sun
