@@ -1,6 +1,7 @@
 """Background: zodiacal light, the Earth, stray light and maps of the sky, against what shares no code with them."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from warpsim.orbit.earth import grazing_altitude_m
 from warpsim.orbit.sun import earth_states
 from warpsim.output.check import scene_report
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
+from warpsim.radiometry.sun_and_earth import earth_albedo
 from warpsim.scene.inputs import input_checksums
 
 REFERENCE = json.loads((Path(__file__).parent / "data" / "zodiacal_reference.json").read_text())["cases"]
@@ -48,15 +50,15 @@ def scene():
     return ws.Scene.load("stss").replace(sky__catalog="none", camera__fov_deg=4.0)
 
 
-def rendered(scene, frames=(60,), **background):
+def rendered(scene, frames=(60,), sensors=None, **background):
     own = scene.replace(**{f"background__{name}": value for name, value in background.items()})
-    return ws.Renderer(own, "cpu").render(list(frames), keep_signal=True)
+    return ws.Renderer(own, "cpu").render(list(frames), sensors=sensors, keep_signal=True)
 
 
-def added_w_cm2(scene, frames=(60,), **background):
+def added_w_cm2(scene, frames=(60,), sensors=None, **background):
     """What a background adds to the signal of frames, in float64, and the frames."""
-    plain = ws.Renderer(scene, "cpu").render(list(frames), keep_signal=True)
-    lit = rendered(scene, frames, **background)
+    plain = ws.Renderer(scene, "cpu").render(list(frames), sensors=sensors, keep_signal=True)
+    lit = rendered(scene, frames, sensors, **background)
     return lit.signal_w_cm2.numpy().astype(np.float64) - plain.signal_w_cm2.numpy(), lit
 
 
@@ -163,6 +165,24 @@ def test_truth_has_the_level_behind_each_target(scene):
     assert not row["earth_behind"]
 
 
+def test_truth_has_the_light_of_the_targets_own_pixel(scene):
+    """Of a column of targets before the limb, whose own light is faint."""
+    wide = scene.replace(camera__fov_deg=20.0, optics__aperture_m=0.02)
+    frames_of = range(20, 140, 6)
+    added, frames = added_w_cm2(wide, frames_of, zodiacal=True, earth=True)
+    plain = ws.Renderer(wide, "cpu").render(list(frames_of), keep_signal=True).signal_w_cm2.numpy()
+    truth = frames.truth
+    truth = truth[truth["in_fov"]]
+    at = [list(frames_of).index(frame) for frame in truth["frame"]], [frames.sensors.index(n) for n in truth["sensor"]]
+    band = [frames.bands.index(name) for name in truth["band"]]
+    x, y = (np.floor(truth[name] + 0.5).astype(int) for name in ("x_px", "y_px"))
+    pixel, others = added[*at, band, y, x], added[*at, band, np.minimum(y + 1, 127), x]
+    dim = plain[*at, band, y, x] < 10 * pixel
+    sharp = dim & (np.abs(others / pixel - 1) > 0.1)
+    assert dim.sum() > 100 and sharp.sum() > 10
+    np.testing.assert_allclose(truth["background_w_cm2"][dim], pixel[dim], rtol=1e-4)
+
+
 def electrons(scene):
     detector = {"kind": "electron", "exposure_s": 0.1, "full_well_e": 1e6, "gain_e_per_count": 60.0}
     return scene.replace(detector=detector | {"read_noise_e": 50.0, "dark_e_s": 1e4}, optics__aperture_m=0.3)
@@ -206,28 +226,32 @@ def test_the_limb_lies_where_lines_of_sight_graze_the_ellipsoid(scene):
 
 
 @pytest.mark.accuracy
-def test_pixels_hold_the_mean_of_the_limb_over_the_heights_that_they_span(scene, record_accuracy):
-    """By a quadrature of 64 lines of sight a pixel down a column, in float64, against WGS84."""
-    wide = scene.replace(camera__fov_deg=12.0, lighting__earth_albedo=0.0)
-    added, frames = added_w_cm2(wide, frames=(90,), earth=True)
+@pytest.mark.parametrize("roll_deg", [0.0, 20.0, 45.0])
+def test_pixels_hold_the_mean_of_the_limb_over_the_heights_that_they_span(scene, record_accuracy, roll_deg):
+    """By 32 x 32 lines of sight a pixel in the middle and outermost columns, in float64, against WGS84."""
+    pointing = {"kind": "fixed", "azimuth_elevation_deg": [0.0, -37.0], "roll_deg": roll_deg}
+    own = scene.replace(camera__fov_deg=12.0, lighting__earth_albedo=0.0, access_rules={}, pointing=pointing, groups=[])
+    added, frames = added_w_cm2(own, frames=(60,), sensors="sat11", earth=True)
     scenario, instrument, camera = frames.scenario, frames.instrument, frames.instrument.sensor.camera
-    number = max(range(len(frames.sensors)), key=lambda k: added[0, k, 0].max() / (1e-30 + added[0, k, 0].min()))
-    satellite = instrument.satellites[instrument.index(frames.sensors[number])]
-    position_m = scenario.tracks.satellites[satellite].state(frames.time_s)[0][0]
-    axes, column, n_part = frames.axes_icrs[0, number], 40, 64
-    y = (np.arange(camera.n_row * n_part) + 0.5) / n_part - 0.5
-    lines = camera.direction(np.stack([np.full_like(y, column), y], axis=1), axes)
+    position_m = scenario.tracks.satellites[instrument.satellites[0]].state(frames.time_s)[0][0]
+    columns, rows, part = np.array([0, 40, 127]), np.arange(camera.n_row), (np.arange(32) + 0.5) / 32 - 0.5
+    grid = np.meshgrid(columns, rows, part, part, indexing="ij")
+    xy = np.stack([grid[0] + grid[2], grid[1] + grid[3]], axis=-1).reshape(-1, 2)
+    lines = camera.direction(xy, frames.axes_icrs[0, 0])
     height_km = grazing_altitude_m(position_m, position_m + 1e7 * lines, scenario.tracks.pole_icrs, beyond=True) / 1e3
+    height_km = height_km.reshape(len(columns), len(rows), -1)
+    slant = (lines @ frames.axes_icrs[0, 0, 2]).reshape(height_km.shape).mean(axis=-1) ** 3
     for index, band in enumerate(instrument.bands.values()):
         profile, area = limb_profile(band), 1 / (camera.focal_px * camera.focal_row_px)
-        disc = float(band_radiance_w_m2_sr(wide.lighting.earth_k_in(band), band)) * 1e-4
+        disc = float(band_radiance_w_m2_sr(own.lighting.earth_k_in(band), band)) * 1e-4
         light = np.interp(height_km, profile.height_km, profile.emission_w_cm2_sr, right=0.0)
-        light = np.where(height_km < 0, disc, light).reshape(camera.n_row, n_part).mean(axis=1)
-        expected = light * area * (lines.reshape(camera.n_row, n_part, 3).mean(axis=1) @ axes[2]) ** 3
-        inner = (height_km.reshape(camera.n_row, n_part).max(axis=1) < 100) & (light > 0)
-        assert inner.sum() > 20 and (light[inner] < 0.5 * disc).any()
-        error = np.abs(added[0, number, index, inner, column] / expected[inner] - 1).max()
-        record_accuracy("limb of the Earth, mean over a pixel", error, LIMB_RTOL, "", "64 lines of sight a pixel")
+        light = np.where(height_km < 0, disc, light).mean(axis=-1)
+        inner = (height_km.max(axis=-1) < 100) & (light > 0)
+        assert inner.sum() > 100 and (light[inner] < 0.5 * disc).any()
+        error = np.abs(added[0, 0, index].T[columns] / (light * area * slant) - 1)
+        record_accuracy(
+            "limb of the Earth, mean over a pixel", error[inner].max(), LIMB_RTOL, "", "1024 lines of sight"
+        )
 
 
 def test_the_disc_has_the_radiance_of_its_temperature(scene):
@@ -241,6 +265,31 @@ def test_the_disc_has_the_radiance_of_its_temperature(scene):
         slant = (sight_lines(frames, sensor=3) @ frames.axes_icrs[0, 3, 2]) ** 3
         light = added[0, 3, number] / slant
         assert light[-1, camera.n_col // 2] == pytest.approx(expected, rel=1e-4), name
+
+
+@pytest.mark.parametrize(("epoch_utc", "raan_deg"), [("2025-01-04T14:00:00", 200.0), ("2025-07-04T14:00:00", 20.0)])
+@pytest.mark.parametrize(("lighting", "albedo"), [({}, None), ({"earth_albedo": 0.25}, 0.25)])
+def test_the_sunlit_disc_has_the_albedo_of_the_band(scene, lighting, albedo, epoch_utc, raan_deg):
+    bands = dict.fromkeys(("B1", "B2", "A"))
+    own = at_altitude(scene.replace(bands=list(bands), lighting=lighting, epoch_utc=epoch_utc), 800.0, 0.0, raan_deg)
+    added, frames = added_w_cm2(own, sensors="one", earth=True)
+    tracks, camera = frames.scenario.tracks, frames.instrument.sensor.camera
+    sun_m, position_m = tracks.sun.position_at_m(frames.time_s)[0], tracks.satellites[0].state(frames.time_s)[0][0]
+    cosine = sun_m @ position_m / np.linalg.norm(sun_m) / np.linalg.norm(position_m)
+    r_au = np.linalg.norm(sun_m) / 1.495978707e11
+    assert cosine > 0.3 and abs(r_au - 1) > 0.015
+    for number, name in enumerate(bands):
+        night = float(band_radiance_w_m2_sr(own.lighting.earth_k_in(ws.bands()[name]), name)) * 1e-4
+        sun_w_cm2 = own.lighting.sun_w_m2_in(ws.bands()[name]) * 1e-4
+        reflected = added[0, 0, number, 4, 4] * camera.focal_px * camera.focal_row_px - night
+        expected = (earth_albedo(name) if albedo is None else albedo) * sun_w_cm2 / np.pi * cosine / r_au**2
+        assert reflected == pytest.approx(expected, rel=5e-3, abs=1e-5 * night), name  # of geodetic verticals
+        if name == "B1":
+            noon_over_night = 1 + (earth_albedo(name) if albedo is None else albedo) * sun_w_cm2 / np.pi / night
+    assert own.lighting.earth_albedo_in(ws.bands()["B1"]) == (0.3 if albedo is None else albedo)  # of targets
+    report = scene_report(scene.replace(bands=["B1"], lighting=lighting).scenario)
+    said = [float(number) for number in re.search(r"Earth (\S+) by night and (\S+) under the Sun", report).groups()]
+    assert said[1] / said[0] == pytest.approx(noon_over_night, rel=0.1)  # of two digits
 
 
 def test_stray_light_of_the_sun_is_its_irradiance_times_the_ratio(scene):
@@ -275,7 +324,77 @@ def test_stray_light_of_the_earth_is_that_of_its_disc(scene):
     radiance = float(band_radiance_w_m2_sr(own.lighting.earth_k_in(instrument.bands["E"]), "E")) * 1e-4
     solid_angle = 2 * np.pi * (1 - np.sqrt(1 - sine**2))
     expected = 1e-6 * radiance * solid_angle * pixel_sr
-    assert added[0, 1, 2, 60:68, 10:20].mean() == pytest.approx(expected, rel=0.02)  # 32 points of the disc
+    assert added[0, 1, 2, 60:68, 10:20].mean() == pytest.approx(expected, rel=0.005)
+
+
+STRAY = {"angle_deg": [0, 10, 30, 60, 90, 180], "ratio_sr": [1e-1, 1e-3, 1e-5, 1e-6, 1e-7, 1e-8]}
+
+
+def at_altitude(scene, altitude_km, off_nadir_deg, raan_deg=200.0):
+    """A small camera over the equator's day side, so far off the nadir, along the orbit."""
+    orbit = {"kind": "elements", "altitude_km": altitude_km, "inclination_deg": 30.0, "raan_deg": raan_deg}
+    return scene.replace(
+        constellation={"kind": "listed", "satellites": [{"name": "one", "orbit": orbit}]},
+        access_rules={},
+        camera={"n_row": 8, "n_col": 8, "fov_deg": 1.0},
+        pointing={"kind": "fixed", "azimuth_elevation_deg": [0.0, off_nadir_deg - 90.0]},
+        groups=[],
+    )
+
+
+def earth_seen(position_m, boresight, sun, pole, n_ring=600, n_spoke=360):
+    """Solid angles of the ellipsoid's disc by small parts, angles off the boresight [deg], cosines of the Sun there."""
+    stretch = 1 / (1 - 1 / 298.257223563)
+    nadir = -position_m / np.linalg.norm(position_m)
+    side = np.cross(nadir, [0.1, 0.2, 0.9])
+    side /= np.linalg.norm(side)
+    turn = (np.arange(n_spoke) + 0.5) / n_spoke * 2 * np.pi
+
+    def look(off_nadir):
+        across = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * np.cross(nadir, side)
+        lines = np.cos(off_nadir)[..., None] * nadir + np.sin(off_nadir)[..., None] * across
+        start, ray = (v + np.multiply.outer(v @ pole, pole) * (stretch - 1) for v in (position_m, lines))
+        square, half, rest = (ray**2).sum(-1), ray @ start, start @ start - 6378137.0**2
+        root = half**2 - square * rest
+        place = start + ray * ((-half - np.sqrt(np.maximum(root, 0.0))) / square)[..., None]
+        normal = place + np.multiply.outer(place @ pole, pole) * (stretch - 1)
+        return root > 0, lines, normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+
+    low, high = np.zeros(n_spoke), np.full(n_spoke, np.pi / 2)
+    for _ in range(50):
+        middle = (low + high) / 2
+        on = look(middle)[0]
+        low, high = np.where(on, middle, low), np.where(on, high, middle)
+    off_nadir = (np.arange(n_ring)[:, None] + 0.5) / n_ring * low
+    _, lines, normal = look(off_nadir)
+    area_sr = np.sin(off_nadir) * low / n_ring * 2 * np.pi / n_spoke
+    angle_deg = np.degrees(np.arctan2(np.linalg.norm(np.cross(lines, boresight), axis=-1), lines @ boresight))
+    return area_sr, angle_deg, np.maximum(normal @ sun, 0.0)
+
+
+@pytest.mark.accuracy
+@pytest.mark.parametrize("altitude_km", [400.0, 1598.0, 35786.0])
+def test_stray_light_of_the_earth_by_parts_of_its_disc(scene, altitude_km, record_accuracy):
+    heat, visible = ws.Band.top_hat("heat", 9.0, 11.0), ws.Band.top_hat("visible", 0.55, 0.75)
+    bands = scene.replace(bands=[heat, visible], optics={"aperture_m": 0.1, "psf": "gaussian", "sigma_px": 0.5})
+    errors = {heat.name: [], visible.name: []}
+    for off_nadir_deg in (0.0, 8.0, 19.0, 30.0, 45.0, 60.0, 75.0, 90.0):
+        own = at_altitude(bands, altitude_km, off_nadir_deg)
+        added, frames = added_w_cm2(own, sensors="one", stray_light=STRAY | {"sun": False, "moon": False})
+        tracks, camera = frames.scenario.tracks, frames.instrument.sensor.camera
+        sun_m = tracks.sun.position_at_m(frames.time_s)[0]
+        sun, r_au = sun_m / np.linalg.norm(sun_m), np.linalg.norm(sun_m) / 1.495978707e11
+        position_m = tracks.satellites[0].state(frames.time_s)[0][0]
+        area_sr, angle_deg, cosine = earth_seen(position_m, frames.axes_icrs[0, 0, 2], sun, np.array(tracks.pole_icrs))
+        ratio = np.exp(np.interp(angle_deg, STRAY["angle_deg"], np.log(STRAY["ratio_sr"])))
+        for number, band in enumerate((heat, visible)):
+            emitted = float(band_radiance_w_m2_sr(own.lighting.earth_k_in(band), band)) * 1e-4
+            light = earth_albedo(band) * own.lighting.sun_w_m2_in(band) * 1e-4 / np.pi / r_au**2
+            expected = (area_sr * ratio * (emitted + light * cosine)).sum()
+            found = added[0, 0, number, 4, 4] * camera.focal_px * camera.focal_row_px
+            errors[band.name].append(found / expected - 1)
+    for name, error in errors.items():
+        record_accuracy(f"stray light of the Earth, {name}", np.abs(error).max(), 0.02, "", "600 x 360 parts")
 
 
 def test_the_moon_is_as_bright_as_measured():
@@ -288,6 +407,8 @@ def test_the_moon_is_as_bright_as_measured():
     disc = np.pi * (1.7374e6 / 3.844e8) ** 2
     hottest = float(band_radiance_w_m2_sr(SUBSOLAR_K, narrow(10.0))) * 1e-4 * disc
     assert 0.6 * hottest < thermal < 0.95 * hottest
+    nearer = moon_irradiance_w_cm2([visible, narrow(4.0)], np.array([1.0, 0.0]), full, 0.99 * sun_m)[:, 0]
+    assert nearer[0] / ratio == pytest.approx(0.99**-2, rel=1e-3)  # sunlight at the Moon
     # Full Moon of 3 January 2026, 10:03 UTC: opposite to the Sun but for its latitude.
     moon_m, sun_then_m = moon_position_m(moon, 0.0), earth_states(moon, 0.0).sun_m
     cosine = moon_m @ sun_then_m / np.linalg.norm(moon_m) / np.linalg.norm(sun_then_m)

@@ -17,6 +17,9 @@ RUN = 32
 HIGHEST_KM = wp.constant(400.0)
 """Lines of sight that pass higher, or away from the Earth, have this height."""
 
+NARROW_KM = wp.constant(0.5)
+"""Heights within which the limb hardly bends."""
+
 SPEED_OF_LIGHT_M_S = wp.constant(wp.float64(299792458.0))
 
 
@@ -39,6 +42,7 @@ class SunPath:
     start_s: wp.float64
     step_s: wp.float64
     direction: wp.array[wp.vec3d]  # (n_time,) ICRS
+    strength: wp.array[float]  # (n_time,) sunlight over that at 1 au
     middle: wp.vec3d
     ecliptic_pole: wp.vec3d
 
@@ -61,11 +65,22 @@ class EarthShine:
 class StrayLight:
     """Light from outside the field, scattered over all of the image: radiance per irradiance by angle [1/sr]."""
 
-    log_ratio: wp.array[float]  # (n_angle,) natural logarithm, in equal steps from 0 to pi off the boresight
-    step_rad: wp.float64
+    angle_rad: wp.array[float]  # (n_edge,) off the boresight, from 0 to pi: ends of pieces
+    log_ratio: wp.array[float]  # (n_edge,) natural logarithm, a line along a piece
     moon_m: wp.array[wp.vec3d]  # (n_time,) geocentric, at the times of the Sun's path
     irradiance_w_cm2: wp.array3d[float]  # (n_band, 2, n_time) of the Sun and the Moon
-    disc: wp.array[wp.vec3d]  # (n_point,) points of a unit disc, x and y, and how much of its area each stands for
+    earth: wp.bool  # whether the Earth's disc is a source
+    across: wp.array[wp.vec2]  # (n_node,) Gauss nodes across a piece, from 0 to 1, and weights that add up to 1
+    along: wp.array[wp.vec2]  # (n_node,) nodes along an arc about the boresight, from -1 to 1, and such weights
+
+
+@wp.struct
+class EarthCap:
+    """The Earth as a sphere that has the ellipsoid's limb on the boresight's side: a cap about the nadir."""
+
+    radius: float  # angular
+    offset: float  # of the nadir off the boresight
+    sun: wp.vec3  # direction of the Sun: across the boresight towards the nadir, square to that, along the boresight
 
 
 @wp.struct
@@ -84,12 +99,26 @@ class Background:
 
 
 @wp.func
+def sun_place(sun: SunPath, time_s: wp.float64) -> wp.float64:
+    """Where a time is among the nodes of the Sun's path."""
+    return wp.clamp((time_s - sun.start_s) / sun.step_s, wp.float64(0.0), wp.float64(sun.direction.shape[0] - 1))
+
+
+@wp.func
 def sun_direction(sun: SunPath, time_s: wp.float64) -> wp.vec3d:
     """Direction of the Sun at a time."""
-    place = wp.clamp((time_s - sun.start_s) / sun.step_s, wp.float64(0.0), wp.float64(sun.direction.shape[0] - 1))
+    place = sun_place(sun, time_s)
     node = wp.min(int(place), sun.direction.shape[0] - 2)
     part = place - wp.float64(node)
     return wp.normalize(sun.direction[node] * (wp.float64(1.0) - part) + sun.direction[node + 1] * part)
+
+
+@wp.func
+def sun_strength(sun: SunPath, time_s: wp.float64) -> float:
+    """Sunlight at the Earth over that at 1 au."""
+    place = sun_place(sun, time_s)
+    node = wp.min(int(place), sun.strength.shape[0] - 2)
+    return wp.lerp(sun.strength[node], sun.strength[node + 1], float(place - wp.float64(node)))
 
 
 @wp.func
@@ -155,17 +184,18 @@ def earth_geometry(earth: EarthShine, position_m: wp.vec3d, direction: wp.vec3d,
     place = nearest
     if height < wp.float64(0.0):
         place = nearest - line * wp.sqrt(-height * (wp.length(nearest) + earth.radius_km))
-    return wp.vec2d(wp.min(height, wp.float64(HIGHEST_KM)), wp.dot(wp.normalize(place), sun))
+    stretched = wp.max(wp.length(as_sphere(earth, wp.normalize(nearest))), wp.float64(1.0))  # of heights there
+    return wp.vec2d(wp.min(height / stretched, wp.float64(HIGHEST_KM)), wp.dot(wp.normalize(place), sun))
 
 
 @wp.func
 def column_above(earth: EarthShine, band: int, term: int, height_km: float) -> float:
-    """Integral of the radiance over height from a height up, on the disc below 0 [km W/cm2/sr].
+    """Integral of the limb's radiance over height from a height up, below 0 as at 0 [km W/cm2/sr].
 
     From above, so that the thin air's light is not the difference of large numbers.
     """
     if height_km <= 0.0:
-        return earth.above_km_w_cm2_sr[band, term, 0] - earth.disc_w_cm2_sr[band, term] * height_km
+        return earth.above_km_w_cm2_sr[band, term, 0] - earth.limb_w_cm2_sr[band, term, 0] * height_km
     place = height_km / earth.step_km
     node = int(place)
     if node >= earth.n_height - 1:
@@ -177,22 +207,67 @@ def column_above(earth: EarthShine, band: int, term: int, height_km: float) -> f
 
 
 @wp.func
-def earth_radiance(earth: EarthShine, band: int, height_km: float, width_km: float, sun_cosine: float) -> float:
-    """Mean radiance of the limb or the disc over a pixel that spans some heights [W/cm2/sr]."""
-    half = 0.5 * wp.max(width_km, 0.02)
-    low, high = height_km - half, height_km + half
+def disc_part(height_km: float, span_km: wp.vec2) -> float:
+    """Part of a pixel whose lines of sight meet the ground; its heights span the sum of two even spreads."""
+    wide, narrow = wp.max(wp.max(span_km[0], span_km[1]), 0.02), wp.min(span_km[0], span_km[1])
+    rest = 0.5 * (wide + narrow) - wp.abs(height_km)
+    part = float(0.0)
+    if rest >= narrow:
+        part = (rest - 0.5 * narrow) / wide
+    elif rest > 0.0:
+        part = 0.5 * rest * rest / (wide * narrow)
+    if height_km < 0.0:
+        return 1.0 - part
+    return part
+
+
+@wp.func
+def mean_air(earth: EarthShine, band: int, height_km: float, width_km: float, sun_cosine: float) -> float:
+    """Mean radiance of the limb over some heights, as at the ground below it [W/cm2/sr]."""
+    low, high = height_km - 0.5 * width_km, height_km + 0.5 * width_km
+    lit = wp.max(sun_cosine, 0.0)
+    if high <= 0.0:
+        return earth.limb_w_cm2_sr[band, 0, 0] + lit * earth.limb_w_cm2_sr[band, 1, 0]
     emitted = column_above(earth, band, 0, low) - column_above(earth, band, 0, high)
     reflected = column_above(earth, band, 1, low) - column_above(earth, band, 1, high)
-    return (emitted + reflected * wp.max(sun_cosine, 0.0)) / (2.0 * half)
+    return (emitted + reflected * lit) / width_km
+
+
+@wp.func
+def earth_radiance(earth: EarthShine, band: int, height_km: float, span_km: wp.vec2, sun_cosine: float) -> float:
+    """Mean radiance of the limb and the disc over a pixel [W/cm2/sr]; its heights span the sum of two even spreads.
+
+    The narrower spread of the limb, which is smooth, is two Gauss nodes, or is added to the wider one's variance.
+    """
+    wide, narrow = wp.max(wp.max(span_km[0], span_km[1]), 0.02), wp.min(span_km[0], span_km[1])
+    air = float(0.0)
+    if narrow < NARROW_KM:
+        air = mean_air(earth, band, height_km, wp.sqrt(wide * wide + narrow * narrow), sun_cosine)
+    else:
+        off = 0.2886751 * narrow
+        upper = mean_air(earth, band, height_km + off, wide, sun_cosine)
+        air = 0.5 * (upper + mean_air(earth, band, height_km - off, wide, sun_cosine))
+    lit = wp.max(sun_cosine, 0.0)
+    disc = earth.disc_w_cm2_sr[band, 0] + lit * earth.disc_w_cm2_sr[band, 1]
+    ground = earth.limb_w_cm2_sr[band, 0, 0] + lit * earth.limb_w_cm2_sr[band, 1, 0]
+    return air + disc_part(height_km, span_km) * (disc - ground)
+
+
+@wp.func
+def ratio_in_piece(stray: StrayLight, piece: int, angle: float) -> float:
+    """Radiance per irradiance at an angle within a piece of the table [1/sr]."""
+    start, end = stray.angle_rad[piece], stray.angle_rad[piece + 1]
+    return wp.exp(wp.lerp(stray.log_ratio[piece], stray.log_ratio[piece + 1], (angle - start) / (end - start)))
 
 
 @wp.func
 def stray_ratio(stray: StrayLight, boresight: wp.vec3d, direction: wp.vec3d) -> float:
     """Radiance of the image per irradiance by a source in a direction [1/sr], log-linear in the angle."""
-    angle = wp.atan2(wp.length(wp.cross(boresight, direction)), wp.dot(boresight, direction))
-    place = angle / stray.step_rad
-    node = wp.min(int(place), stray.log_ratio.shape[0] - 2)
-    return wp.exp(wp.lerp(stray.log_ratio[node], stray.log_ratio[node + 1], float(place - wp.float64(node))))
+    angle = float(wp.atan2(wp.length(wp.cross(boresight, direction)), wp.dot(boresight, direction)))
+    piece = int(0)
+    while piece < stray.angle_rad.shape[0] - 2 and angle > stray.angle_rad[piece + 1]:
+        piece += 1
+    return ratio_in_piece(stray, piece, angle)
 
 
 @wp.func
@@ -202,16 +277,96 @@ def is_seen(earth: EarthShine, position_m: wp.vec3d, direction: wp.vec3d) -> boo
 
 
 @wp.func
-def earth_disc_point(position_m: wp.vec3d, radius_km: wp.float64, point: wp.vec3d) -> wp.vec3d:
-    """Direction of a point of the Earth's disc, as an orthographic picture of it."""
+def earth_cap(earth: EarthShine, position_m: wp.vec3d, boresight: wp.vec3d, sun: wp.vec3d) -> EarthCap:
+    """The Earth's disc about the boresight; its radius is that of the ellipsoid in the plane of boresight and nadir."""
     nadir = -wp.normalize(position_m)
-    side = wp.cross(nadir, wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0)))
-    if wp.length(side) < wp.float64(1.0e-3):
-        side = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+    side = wp.cross(wp.cross(nadir, boresight), nadir)
+    if wp.length(side) < wp.float64(1.0e-6):
+        side = wp.vec3d(nadir[1], -nadir[0], wp.float64(0.0))
+        if wp.abs(nadir[2]) > wp.float64(0.9):
+            side = wp.vec3d(nadir[2], wp.float64(0.0), -nadir[0])
     side = wp.normalize(side)
-    sine = radius_km * wp.float64(1.0e3) / wp.length(position_m)
-    across = (side * point[0] + wp.cross(nadir, side) * point[1]) * sine
-    return across + nadir * wp.sqrt(wp.max(wp.float64(1.0) - wp.length_sq(across), wp.float64(0.0)))
+    # Lines towards nadir + t side touch the ellipsoid where a t^2 + 2 b t + c = 0.
+    start, down, out = (
+        as_sphere(earth, position_m * wp.float64(1.0e-3)),
+        as_sphere(earth, nadir),
+        as_sphere(earth, side),
+    )
+    outside = wp.length_sq(start) - earth.radius_km * earth.radius_km
+    a = wp.dot(start, out) * wp.dot(start, out) - outside * wp.length_sq(out)
+    b = wp.dot(start, down) * wp.dot(start, out) - outside * wp.dot(down, out)
+    c = wp.dot(start, down) * wp.dot(start, down) - outside * wp.length_sq(down)
+    cosine, sine = wp.dot(boresight, nadir), wp.dot(boresight, side)
+    towards = nadir * sine - side * cosine
+    cap = EarthCap()
+    cap.radius = float(wp.atan2(c, wp.sqrt(wp.max(b * b - a * c, wp.float64(0.0))) - b))
+    cap.offset = float(wp.atan2(sine, cosine))
+    across = wp.dot(wp.cross(boresight, towards), sun)
+    cap.sun = wp.vec3(float(wp.dot(towards, sun)), float(across), float(wp.dot(boresight, sun)))
+    return cap
+
+
+@wp.func
+def half_arc(cap: EarthCap, angle: float) -> float:
+    """Half of the arc of a circle about the boresight that lies on the Earth's disc, from 0 to pi."""
+    on = wp.sin(0.5 * (cap.offset + cap.radius - angle)) * wp.sin(0.5 * (angle + cap.radius - cap.offset))
+    off = wp.sin(0.5 * (angle + cap.offset + cap.radius)) * wp.sin(0.5 * (angle + cap.offset - cap.radius))
+    return 2.0 * wp.atan2(wp.sqrt(wp.max(on, 0.0)), wp.sqrt(wp.max(off, 0.0)))
+
+
+@wp.func
+def mean_sun_cosine(stray: StrayLight, cap: EarthCap, angle: float, arc: float) -> float:
+    """Mean cosine of the Sun's zenith angle, 0 by night, along an arc about the boresight."""
+    sine, cosine, far = wp.sin(angle), wp.cos(angle), 1.0 / wp.sin(cap.radius)
+    down, out = cosine * wp.cos(cap.offset), sine * wp.sin(cap.offset)
+    below = far * (wp.sin(cap.offset) * cap.sun[0] + wp.cos(cap.offset) * cap.sun[2])
+    total = float(0.0)
+    for i in range(stray.along.shape[0]):
+        turn = arc * stray.along[i][0]
+        nadir = down + out * wp.cos(turn)
+        slant = far * nadir - wp.sqrt(wp.max(1.0 - far * far * (1.0 - nadir * nadir), 0.0))
+        sunward = sine * (wp.cos(turn) * cap.sun[0] + wp.sin(turn) * cap.sun[1]) + cosine * cap.sun[2]
+        total += stray.along[i][1] * wp.max(slant * sunward - below, 0.0)
+    return total
+
+
+@wp.func
+def stray_in_piece(stray: StrayLight, cap: EarthCap, piece: int, low: float, high: float) -> wp.vec2:
+    """Integral over the disc, of angles in a piece and between bounds, of the ratio and of the ratio times cosine.
+
+    Angles go as the cosine of u between the bounds: the arc, which grows as a root from bounds, is smooth in u.
+    """
+    total = wp.vec2(0.0, 0.0)
+    start, end = wp.max(low, stray.angle_rad[piece]), wp.min(high, stray.angle_rad[piece + 1])
+    if end <= start:
+        return total
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    first = wp.acos(wp.clamp((middle - start) / half, -1.0, 1.0))
+    last = wp.acos(wp.clamp((middle - end) / half, -1.0, 1.0))
+    for i in range(stray.across.shape[0]):
+        u = wp.lerp(first, last, stray.across[i][0])
+        angle = middle - half * wp.cos(u)
+        arc = half_arc(cap, angle)
+        area = 2.0 * arc * wp.sin(angle) * half * wp.sin(u) * (last - first) * stray.across[i][1]
+        weight = area * ratio_in_piece(stray, piece, angle)
+        total += weight * wp.vec2(1.0, mean_sun_cosine(stray, cap, angle, arc))
+    return total
+
+
+@wp.func
+def stray_of_earth(stray: StrayLight, cap: EarthCap) -> wp.vec2:
+    """Integral over the Earth's disc of the ratio, and of the ratio times the cosine of the Sun's zenith angle."""
+    pi = float(wp.PI)
+    near, far = wp.abs(cap.radius - cap.offset), cap.radius + cap.offset
+    far = wp.min(far, 2.0 * pi - far)
+    total = wp.vec2(0.0, 0.0)
+    for piece in range(stray.angle_rad.shape[0] - 1):
+        total += stray_in_piece(stray, cap, piece, near, far)  # arcs
+        if cap.offset < cap.radius:
+            total += stray_in_piece(stray, cap, piece, 0.0, near)  # circles about the boresight
+        if cap.offset + cap.radius > pi:
+            total += stray_in_piece(stray, cap, piece, far, pi)  # about what is opposite to it
+    return total
 
 
 @wp.kernel(module="unique", enable_backward=False)
@@ -229,11 +384,7 @@ def stray_light_kernel(
     stray, earth = background.stray, background.earth
     position, boresight = seen.position_m, wp.vec3d(seen.axes[2, 0], seen.axes[2, 1], seen.axes[2, 2])
     sun = sun_direction(background.sun, time_s[view])
-    place = wp.clamp(
-        (time_s[view] - background.sun.start_s) / background.sun.step_s,
-        wp.float64(0.0),
-        wp.float64(stray.moon_m.shape[0] - 1),
-    )
+    place = sun_place(background.sun, time_s[view])
     node = wp.min(int(place), stray.moon_m.shape[0] - 2)
     part = place - wp.float64(node)
     moon_m = stray.moon_m[node] * (wp.float64(1.0) - part) + stray.moon_m[node + 1] * part
@@ -243,21 +394,15 @@ def stray_light_kernel(
         ratio_sun = stray_ratio(stray, boresight, sun)
     if is_seen(earth, position, moon):
         ratio_moon = stray_ratio(stray, boresight, moon)
+    of_earth, strength = wp.vec2(0.0, 0.0), sun_strength(background.sun, time_s[view])
+    if stray.earth:
+        of_earth = stray_of_earth(stray, earth_cap(earth, position, boresight, sun))
     for band in range(stray_w_cm2_sr.shape[1]):
-        light = stray.irradiance_w_cm2[band]
+        light, disc = stray.irradiance_w_cm2[band], earth.disc_w_cm2_sr[band]
         of_sun = wp.lerp(light[0, node], light[0, node + 1], float(part))
         of_moon = wp.lerp(light[1, node], light[1, node + 1], float(part))
-        stray_w_cm2_sr[view, band] = ratio_sun * of_sun + ratio_moon * of_moon
-    sine = earth.radius_km * wp.float64(1.0e3) / wp.length(position)
-    nadir = -wp.normalize(position)
-    for i in range(stray.disc.shape[0]):
-        point = earth_disc_point(position, earth.radius_km, stray.disc[i])
-        cosine = wp.max(float(earth_geometry(earth, position, point, sun)[1]), 0.0)
-        solid_angle = wp.float64(wp.PI) * sine * sine * stray.disc[i][2] / wp.dot(nadir, point)
-        ratio = stray_ratio(stray, boresight, point) * float(solid_angle)
-        for band in range(stray_w_cm2_sr.shape[1]):
-            radiance = earth.disc_w_cm2_sr[band, 0] + cosine * earth.disc_w_cm2_sr[band, 1]
-            stray_w_cm2_sr[view, band] = stray_w_cm2_sr[view, band] + ratio * radiance
+        bodies = ratio_sun * of_sun + ratio_moon * of_moon
+        stray_w_cm2_sr[view, band] = bodies + of_earth[0] * disc[0] + of_earth[1] * strength * disc[1]
 
 
 @functools.cache
@@ -273,7 +418,7 @@ def make_background_nodes_kernel(earth: bool, stray: bool) -> wp.Kernel:
         stray_w_cm2_sr: wp.array2d[float],  # (n_view, n_band); where on
         # out
         sky_w_cm2: wp.array3d[float],  # (n_view, n_band, n_node) in a pixel
-        earth_km: wp.array3d[float],  # (n_view, 2, n_node) height, and cosine of the Sun's zenith angle; where on
+        earth_km: wp.array3d[float],  # (n_view, 2, n_node) height, and sunlight on the ground over 1 au's; where on
     ):
         view, node = wp.tid()
         seen = views[view]
@@ -284,7 +429,7 @@ def make_background_nodes_kernel(earth: bool, stray: bool) -> wp.Kernel:
         if wp.static(earth):
             place = earth_geometry(background.earth, seen.position_m, apparent, sun)
             earth_km[view, 0, node] = float(place[0])
-            earth_km[view, 1, node] = float(place[1])
+            earth_km[view, 1, node] = float(place[1]) * sun_strength(background.sun, time_s[view])
         for band in range(sky_w_cm2.shape[1]):
             radiance = sky_radiance(background.plates, band, direction, sunward)
             if wp.static(stray):
@@ -359,11 +504,11 @@ def earth_at(background: Background, earth_km: wp.array2d[float], band: int, nod
     n, step = background.n_across, float(background.step_px)
     left, right = wp.lerp(heights[node], heights[node + n], v), wp.lerp(heights[node + 1], heights[node + n + 1], v)
     down = wp.lerp(heights[node + n] - heights[node], heights[node + n + 1] - heights[node + 1], u)
-    width_km = (wp.abs(right - left) + wp.abs(down)) / step
+    span_km = wp.vec2(wp.abs(right - left), wp.abs(down)) / step
     upper, lower = wp.lerp(cosines[node], cosines[node + 1], u), wp.lerp(cosines[node + n], cosines[node + n + 1], u)
     height_km = wp.lerp(left, right, u)
-    covered = wp.clamp(0.5 - height_km / wp.max(width_km, 0.02), 0.0, 1.0)
-    return wp.vec2(earth_radiance(background.earth, band, height_km, width_km, wp.lerp(upper, lower, v)), covered)
+    radiance = earth_radiance(background.earth, band, height_km, span_km, wp.lerp(upper, lower, v))
+    return wp.vec2(radiance, disc_part(height_km, span_km))
 
 
 @functools.cache
@@ -468,7 +613,7 @@ def image_of_targets_kernel(
 
 @functools.cache
 def make_background_of_targets_kernel(earth: bool) -> wp.Kernel:
-    """Kernel over views and targets: the background in a target's pixel, for the truth."""
+    """Kernel over views and targets: the background in the pixel that holds a target, for the truth."""
 
     @wp.kernel(module="unique", enable_backward=False)
     def background_of_targets_kernel(
@@ -482,7 +627,8 @@ def make_background_of_targets_kernel(earth: bool) -> wp.Kernel:
     ):
         view, target = wp.tid()
         step = wp.float64(background.step_px)
-        x, y = xy_px[view, target][0] / step, xy_px[view, target][1] / step
+        pixel = xy_px[view, target] + wp.vec2d(wp.float64(0.5), wp.float64(0.5))
+        x, y = wp.floor(pixel[0]) / step, wp.floor(pixel[1]) / step
         n_band = sky_w_cm2.shape[1]
         if (
             x < wp.float64(-1.0)

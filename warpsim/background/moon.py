@@ -59,13 +59,14 @@ def moon_irradiance_w_cm2(bands: list[Band], sun_w_cm2: Array, moon_m: Array, su
     degrees = np.degrees(phase_rad)
     fading = 10 ** (-0.4 * (_PHASE_MAG_PER_DEG[0] * degrees + _PHASE_MAG_PER_DEG[1] * degrees**4))
     disc = (MOON_RADIUS_M / distance_m) ** 2
-    reflected = GEOMETRIC_ALBEDO * fading * disc * sun_w_cm2[:, None]
-    angles = np.linspace(0.0, math.pi, 19)
-    emitted = np.array([np.interp(phase_rad, angles, _emitted_w_cm2_sr(band, angles)) for band in bands])
+    strength = (ASTRONOMICAL_UNIT_M / np.linalg.norm(from_moon, axis=1)) ** 2
+    reflected = GEOMETRIC_ALBEDO * fading * disc * strength * sun_w_cm2[:, None]
+    angles, subsolar_k = np.linspace(0.0, math.pi, 19), SUBSOLAR_K * float(strength.mean()) ** 0.25
+    emitted = np.array([np.interp(phase_rad, angles, _emitted_w_cm2_sr(band, angles, subsolar_k)) for band in bands])
     return np.asarray(reflected + emitted * disc)
 
 
-def _emitted_w_cm2_sr(band: Band, phase_rad: Array) -> Array:
+def _emitted_w_cm2_sr(band: Band, phase_rad: Array, subsolar_k: float) -> Array:
     """Radiant intensity of a Moon of radius 1 by phase angle, (n,): its zones as the observer along z sees them."""
     node, weight = np.polynomial.legendre.leggauss(_N_ZONE)
     cosine, turn = 0.5 * (node + 1), np.pi * (node + 1)
@@ -73,7 +74,7 @@ def _emitted_w_cm2_sr(band: Band, phase_rad: Array) -> Array:
     area = np.outer(0.5 * weight, np.pi * weight) * mu
     x = np.sqrt(1 - mu**2) * np.cos(azimuth)
     sunward = np.maximum(mu * np.cos(phase_rad)[:, None, None] + x * np.sin(phase_rad)[:, None, None], 0.0)
-    kelvin = np.linspace(NIGHT_K, SUBSOLAR_K, 200)
+    kelvin = np.linspace(NIGHT_K, subsolar_k, 200)
     known = np.array([float(band_radiance_w_m2_sr(k, band)) for k in kelvin])
-    radiance = np.interp(np.maximum(SUBSOLAR_K * sunward**0.25, NIGHT_K), kelvin, known)
+    radiance = np.interp(np.maximum(subsolar_k * sunward**0.25, NIGHT_K), kelvin, known)
     return np.asarray(EMISSIVITY * 1e-4 * (radiance * area).sum(axis=(1, 2)))

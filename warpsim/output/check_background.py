@@ -39,13 +39,15 @@ def _sky_lines(instrument: Instrument, scenario: Scenario, boresights: npt.NDArr
     pixel_sr = 1 / (camera.focal_px * camera.focal_row_px)
     sun_m = scenario.tracks.sun.position_at_m(np.array([scenario.scene.duration_s / 2]))[0]
     bands = list(instrument.bands.values())
+    strength = (ASTRONOMICAL_UNIT_M / float(np.linalg.norm(sun_m))) ** 2
     dust = zodiacal_map(bands, -sun_m / ASTRONOMICAL_UNIT_M)(boresights)
     lighting, lines = scenario.scene.lighting, []
     for (name, band), zodiacal in zip(instrument.bands.items(), dust, strict=True):
         nei_sr = instrument.nei_w_cm2(name) / pixel_sr
         low, high = zodiacal.min() / nei_sr, zodiacal.max() / nei_sr
         night = float(band_radiance_w_m2_sr(lighting.earth_k_in(band), band)) * _W_CM2_PER_W_M2
-        noon = night + lighting.earth_albedo_in(band) * lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2 / math.pi
+        sunlight = lighting.sun_w_m2_in(band) * strength * _W_CM2_PER_W_M2
+        noon = night + lighting.background_albedo_in(band) * sunlight / math.pi
         off = "" if wanted.zodiacal else " (left out)"
         earth = "" if wanted.earth else " (left out)"
         text = f"zodiacal light {low:.2g} to {high:.2g} NEI{off}, Earth {night / nei_sr:.2g} by night and "

@@ -169,6 +169,8 @@ def _sun_struct(tracks: Tracks, duration_s: float, device: wp.Device) -> Any:
     sun: Any = SunPath()
     sun.start_s, sun.step_s = tracks.start_s, tracks.step_s
     sun.direction = wp.array(towards(tracks.sun.position_m), dtype=wp.vec3d, device=device)
+    strength = (ASTRONOMICAL_UNIT_M / np.linalg.norm(tracks.sun.position_m, axis=1)) ** 2
+    sun.strength = wp.array(strength.astype(np.float32), dtype=wp.float32, device=device)
     sun.middle = wp.vec3d(*towards(tracks.sun.state(duration_s / 2)[0]))
     sun.ecliptic_pole = wp.vec3d(*ECLIPTIC_AXES[2])
     return sun
@@ -184,7 +186,7 @@ def _earth_struct(tracks: Tracks, bands: list[Band], lighting: Lighting, device:
     disc = [
         (
             float(band_radiance_w_m2_sr(lighting.earth_k_in(band), band)) * _W_CM2_PER_W_M2,
-            lighting.earth_albedo_in(band) * lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2 / math.pi,
+            lighting.background_albedo_in(band) * lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2 / math.pi,
         )
         for band in bands
     ]
@@ -197,34 +199,43 @@ def _earth_struct(tracks: Tracks, bands: list[Band], lighting: Lighting, device:
     return earth
 
 
-STRAY_STEPS = 1440
-"""Steps of the table of stray light by angle, over 180 degrees."""
+_MOST_ANGLE_DEG, _MOST_LOG = 20.0, 3.0
+"""Largest extent of a piece of the table of stray light, and change of the ratio's logarithm along it."""
 
-_DISC_RINGS, _DISC_SPOKES = 4, 8
+N_ACROSS, N_ALONG = 4, 8
+"""Gauss nodes across a piece of the table, and along an arc about the boresight, of the Earth's stray light."""
+
+
+def stray_pieces(stray: StrayLightModel) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Angles from 0 to pi [rad] between which the logarithm of the ratio is a line, and the logarithms."""
+    ends = np.unique([0.0, *stray.angle_deg, 180.0])
+    logs = np.interp(ends, stray.angle_deg, np.log(stray.ratio_sr))
+    n_part = np.maximum(np.ceil(np.diff(ends) / _MOST_ANGLE_DEG), np.ceil(np.abs(np.diff(logs)) / _MOST_LOG))
+    parts = [np.linspace(a, b, int(n) + 1)[:-1] for a, b, n in zip(ends, ends[1:], n_part, strict=False)]
+    angles = np.append(np.concatenate(parts), 180.0)
+    return np.radians(angles), np.interp(angles, ends, logs)
 
 
 def _stray_struct(stray: StrayLightModel, scenario: Scenario, bands: list[Band], device: wp.Device) -> Any:
     tracks, lighting = scenario.tracks, scenario.scene.lighting
-    angle_rad = np.linspace(0.0, math.pi, STRAY_STEPS + 1)
-    log_ratio = np.interp(np.degrees(angle_rad), stray.angle_deg, np.log(stray.ratio_sr))
+    angle_rad, log_ratio = stray_pieces(stray)
     time_s = tracks.start_s + tracks.step_s * np.arange(tracks.n_node)
     moon_m = moon_position_m(scenario.epoch, time_s)
     sun_w_cm2 = np.array([[lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2] for band in bands])
     of_sun = sun_w_cm2 * (ASTRONOMICAL_UNIT_M / np.linalg.norm(tracks.sun.position_m, axis=1)) ** 2
     of_moon = moon_irradiance_w_cm2(bands, sun_w_cm2[:, 0], moon_m, tracks.sun.position_m)
     light = np.stack([of_sun * stray.sun, of_moon * stray.moon], axis=1)
-    radius = np.sqrt((np.arange(_DISC_RINGS) + 0.5) / _DISC_RINGS)  # rings of equal area
-    turn = 2 * np.pi * (np.arange(_DISC_SPOKES) + 0.5) / _DISC_SPOKES
-    x, y = (np.outer(radius, of(turn)).ravel() for of in (np.cos, np.sin))
-    disc = np.stack([x, y, np.full_like(x, stray.earth / len(x))], axis=1)
+    across, along = (np.stack(np.polynomial.legendre.leggauss(n), axis=1) for n in (N_ACROSS, N_ALONG))
     struct: Any = StrayLight()
-    struct.step_rad = math.pi / STRAY_STEPS
+    struct.earth = stray.earth
     for name, values, dtype in (
+        ("angle_rad", angle_rad, wp.float32),
         ("log_ratio", log_ratio, wp.float32),
         ("moon_m", moon_m, wp.vec3d),
         ("irradiance_w_cm2", light, wp.float32),
-        ("disc", disc, wp.vec3d),
+        ("across", (0.5 * across + [0.5, 0.0]), wp.vec2),
+        ("along", along * [1.0, 0.5], wp.vec2),
     ):
-        kind = np.float32 if dtype is wp.float32 else np.float64
+        kind = np.float64 if dtype is wp.vec3d else np.float32
         setattr(struct, name, wp.array(np.asarray(values, dtype=kind), dtype=dtype, device=device))
     return struct

@@ -153,7 +153,7 @@ class Lighting:
         albedo: Whether targets reflect the sunlight that the Earth reflects.
         leave_out_nei: Largest irradiance of a term that may be left out [NEI]; 0 leaves out what is exactly 0.
         earth_albedo: Fraction of sunlight that the Earth reflects, as a Lambertian surface, for all bands or by band;
-            in bands that are not named 0.3 in those of MSX, by the Earth's mean spectrum in others.
+            in bands that are not named 0.3 in those of MSX, by the Earth's mean spectrum in others and behind sources.
         earth_k: Brightness temperature of the Earth by band [K]; in bands that are not named `EARTH_K` in those of MSX,
             by the Earth's mean spectrum in others.
         sun_w_cm2: Irradiance of the Sun in a band at 1 au by band [W/cm2]; that of the Sun's spectrum in bands that are
@@ -185,10 +185,17 @@ class Lighting:
 
     def earth_albedo_in(self, band: Band) -> float:
         """Fraction of sunlight in a band that the Earth reflects."""
-        given = None if self.earth_albedo is None else in_band(self.earth_albedo, band.name)
-        if given is not None:
-            return given
-        return earth_albedo(band) if name_among(band, BANDS) is None else MSX_EARTH_ALBEDO
+        if name_among(band, BANDS) is None or self._given_albedo(band) is not None:
+            return self.background_albedo_in(band)
+        return MSX_EARTH_ALBEDO
+
+    def background_albedo_in(self, band: Band) -> float:
+        """Fraction of sunlight in a band that the Earth reflects where it is seen: 0.003 at 4.3 um."""
+        given = self._given_albedo(band)
+        return earth_albedo(band) if given is None else given
+
+    def _given_albedo(self, band: Band) -> float | None:
+        return None if self.earth_albedo is None else in_band(self.earth_albedo, band.name)
 
     def sun_w_m2_in(self, band: Band) -> float:
         """Irradiance of the Sun in a band at 1 au [W/m2]."""
