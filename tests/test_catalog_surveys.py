@@ -19,8 +19,8 @@ from warpsim.errors import InputError
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.readers import infrared
-from warpsim.sky.readers.angles import epoch_of_position, position_deg, sexagesimal_deg
 from warpsim.sky.readers.read import SURVEYS
+from warpsim.sky.readers.survey import epoch_of_position, position_deg, sexagesimal_deg
 from warpsim.sky.stellar_templates import GIANT, colour, colour_temperature_k
 from warpsim.tables.columns import ColumnTable
 

@@ -10,9 +10,20 @@ import warp as wp
 import warpsim as ws
 from warpsim.cli import main
 from warpsim.render.image_stack import ImageStack
-from warpsim.speed.clock import render_call, stage_times_us, synchronised_s, timed_stages, work_fps
 from warpsim.speed.report import PAPER_FPS, Speed, row
-from warpsim.speed.work import BAND, FLUX_RANGE_NEI, N_CALL, power_law_nei, speed_catalog, speed_work
+from warpsim.speed.work import (
+    BAND,
+    FLUX_RANGE_NEI,
+    N_CALL,
+    power_law_nei,
+    render_call,
+    speed_catalog,
+    speed_work,
+    stage_times_us,
+    synchronised_s,
+    timed_stages,
+    work_fps,
+)
 
 STAGES = ["aim", "observe_targets", "gather_stars", "deposit", "read_out"]
 TINY = ("--device", "cpu", "--pixels", "16,24", "--quick")

@@ -10,20 +10,19 @@ SPLIT/000003.tar, SPLIT/images.zarr   formats that put several sequences into on
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from warpsim.dataset.recipe import SHARDED, Recipe
-from warpsim.dataset.samples import choices_with_files
-from warpsim.dataset.sequences import Sequence, split_of, varied
+from warpsim.dataset.recipe import SHARDED, Recipe, choices_with_files
+from warpsim.dataset.sequences import Sequence, check_extremes, draw_sequence, split_of, varied
 from warpsim.output.manifest import package_versions
 from warpsim.output.output_folder import MANIFEST
 from warpsim.render.frameset import FrameSet
 from warpsim.render.stars import catalog_checksums
 from warpsim.scene.environment import BUILT_IN_CATALOGS
 from warpsim.scene.inputs import input_checksums
-from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.scene.scene_files import named_files
 from warpsim.version import __version__
@@ -123,15 +122,7 @@ Stamp = tuple[int, int] | None
 
 
 def identity_of(recipe: Recipe, device: str) -> Identity:
-    """Return all inputs that the bytes of a data set depend on, as plain values, for its manifest.
-
-    Args:
-        recipe: The recipe.
-        device: Alias of the Warp device; one GPU stands for all.
-
-    Raises:
-        InputError: An input file cannot be read.
-    """
+    """Return all inputs that the bytes of a data set depend on, as plain values for its manifest; any GPU is "cuda"."""
     return {
         "recipe": recipe.to_dict(),
         "inputs": _inputs(recipe),
@@ -179,12 +170,28 @@ def _inputs(recipe: Recipe) -> dict[str, str]:
 
 
 def _inputs_of(scene: Scene) -> dict[str, str]:
-    return _catalogs(scene.scenario) | input_checksums(scene.scenario)
-
-
-def _catalogs(scenario: Scenario) -> dict[str, str]:
-    """Checksums of the star catalog: one for all kinds of sensors, or one of each."""
-    found = catalog_checksums(scenario)
+    found = catalog_checksums(scene.scenario)  # one for all kinds of sensors, or one of each
+    catalogs = {f"{STAR_CATALOG} of {kind}": checksum for kind, checksum in found.items()}
     if len(set(found.values())) == 1:
-        return {STAR_CATALOG: next(iter(found.values()))}
-    return {f"{STAR_CATALOG} of {kind}": checksum for kind, checksum in found.items()}
+        catalogs = {STAR_CATALOG: next(iter(found.values()))}
+    return catalogs | input_checksums(scene.scenario)
+
+
+def recipe_report(recipe: Recipe) -> str:
+    """Size, splits and sampled fields of a data set, and its first sequence as an example; InputError for none."""
+    check_extremes(recipe)
+    identity_of(recipe, "cpu")  # reads every file that is named
+    n_pool = len(recipe.pool_of(recipe.scenario))
+    size = recipe.n_sequence * recipe.n_frame * recipe.frame_bytes
+    splits = ", ".join(f"{name} {len(numbers)}" for name, numbers in split_of(recipe).items())
+    first = draw_sequence(recipe, 0)
+    drawn = "".join(f", {name} = {value!r}" for name, value in first.values.items())
+    lines = [
+        f"{recipe.n_image:,} images: {recipe.n_sequence:,} sequences of {recipe.n_frame} frames every "
+        f"{recipe.step_s:g} s, {recipe.n_sensor} of {n_pool} sensors, bands {' '.join(recipe.band_names)}",
+        f"sequences: {splits}",
+        f"{recipe.format}, {len(shards_of(recipe)):,} shards; {size / 1e6:,.1f} MB before compression, and tables",
+        *(f"drawn: {name} = {json.dumps(how)[:80]}" for name, how in recipe.to_dict().get("sample", {}).items()),
+        f"sequence 0: from {first.scene.frames.start_s:.3f} s on, {', '.join(first.sensors)}{drawn}",
+    ]
+    return "\n".join(lines)

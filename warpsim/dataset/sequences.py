@@ -45,15 +45,7 @@ class Sequence:
 
 
 def draw_sequence(recipe: Recipe, number: int) -> Sequence:
-    """Draw a sequence.
-
-    Args:
-        recipe: The recipe.
-        number: Of the sequence, 0 to n_sequence - 1.
-
-    Raises:
-        InputError: The drawn values are not valid in the scene, or no draw has enough sensors.
-    """
+    """Draw a sequence; InputError where the drawn values are not valid in the scene, or no draw has enough sensors."""
     for attempt in range(MOST_ATTEMPTS):
         values = drawn_values(recipe, number, attempt)
         scene = varied(recipe, values, f"sequence {number}", **_of_sequence(recipe, number))
@@ -90,11 +82,7 @@ def drawn_values(recipe: Recipe, number: int, attempt: int = 0) -> dict[str, Any
 
 
 def varied(recipe: Recipe, values: dict[str, Any], where: str, **others: Any) -> Scene:
-    """Return the recipe's scene with some drawn values, and others.
-
-    Raises:
-        InputError: They are not valid; the text begins with `where`.
-    """
+    """Return the recipe's scene with drawn values, and others; InputError that begins with `where` for bad ones."""
     try:
         scene = recipe.scene.replace(**{name.replace(".", "__"): value for name, value in values.items()}, **others)
         scene.scenario  # noqa: B018  # reads files, flies flights
@@ -114,11 +102,7 @@ def _classes(scene: Scene) -> set[str]:
 
 
 def check_extremes(recipe: Recipe) -> None:
-    """Check that the extremes of each distribution are valid in the scene, before hours of work.
-
-    Raises:
-        InputError: It does not.
-    """
+    """Check that the extremes of each distribution are valid in the scene, before hours of work."""
     for name, distribution in recipe.distributions.items():
         for value in distribution.extremes:
             varied(recipe, {name: value}, f"sample.{name}")

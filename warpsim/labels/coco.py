@@ -15,8 +15,7 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.files import plain_number, whole_file
-from warpsim.labels.boxes import CORNER_PX
-from warpsim.labels.rle import mask_to_rle, rle_area
+from warpsim.labels.boxes import CORNER_PX, mask_to_rle, rle_area
 from warpsim.labels.table import BOX_COLUMNS
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
@@ -100,11 +99,7 @@ def write_coco(
 def coco_texts(
     images: Iterable[tuple[Mapping[str, Any], Rows]], categories: Sequence[Mapping[str, Any]]
 ) -> Iterator[tuple[str, str]]:
-    """Yield COCO texts of each image and of its annotations: items of JSON lists, annotations one a line.
-
-    Raises:
-        InputError: A category is unknown, or an image has too many rows.
-    """
+    """Yield COCO texts of each image and of its annotations: items of JSON lists, annotations one a line."""
     ids = {str(category["name"]): int(category["id"]) for category in categories}
     for image, rows in images:
         yield _json(image), BETWEEN.join(map(_json, image_annotations(image, rows, ids)))
@@ -137,15 +132,10 @@ def write_coco_parts(
 
 
 def image_annotations(image: Mapping[str, Any], rows: Rows, category_ids: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Return COCO's annotations of the visible targets of one image.
+    """Return COCO's annotations of the visible targets of one image, of which id, width and height are known.
 
-    Args:
-        image: With id, width and height.
-        rows: The image's rows of a label table, or its columns by name, in the order of the scene's targets.
-        category_ids: Ids by name.
-
-    Raises:
-        InputError: A category is unknown, or there are too many rows.
+    The rows are the image's of a label table, or its columns by name, in the order of the scene's targets. InputError:
+    a category is unknown, or there are too many rows.
     """
     n_row = len(rows["visible"])
     if n_row > ROWS_PER_IMAGE:

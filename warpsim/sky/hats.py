@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
-from warpsim.tables.parquet_file import ParquetFile
+from warpsim.tables.by_astropy import ParquetFile
 
 _PROPERTIES = ("hats.properties", "properties", "catalog_info.json")
 _COLLECTION = "collection.properties"

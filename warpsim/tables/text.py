@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.tables.by_astropy import cds_unit, quietly
-from warpsim.tables.columns import ColumnTable, is_number
-from warpsim.tables.parts import Part
+from warpsim.tables.columns import ColumnTable, Part, is_number
 
 _DELIMITERS = ("\t", ",", ";", "|")
 _BLANKS_AT_TAB = re.compile(r" *\t *")

@@ -1,19 +1,26 @@
-"""What is said of catalog files beside their names: how to read them, and which of their stars."""
+"""Files that make up a catalog (one, a list, a folder, HATS partitions), how to read them, and which of their stars."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from os import PathLike
+from os import PathLike, fspath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import StarColumns, selected
+from warpsim.sky.hats import HatsFolder, is_hats
 from warpsim.sky.photometric_bands import check_flux_band, flux_of_magnitude_jy
 from warpsim.sky.region import Cone, checked_region, within_cones
 from warpsim.sky.space_motion import checked_jyear
+
+FileNames = str | PathLike[str] | Sequence[str | PathLike[str]]
+
+SUFFIXES = (".parquet", ".parq", ".fits", ".fit", ".vot", ".xml", ".ecsv", ".csv", ".tsv", ".txt", ".dat", ".tbl")
+"""Of the files of a folder that are read; they may be followed by ".gz"."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +36,7 @@ class ReadOptions:
     limit: Mapping[str, float] | None = None
 
     def checked(self) -> ReadOptions:
-        """Return the options, the epoch as a number and the region as a list of cones.
-
-        Raises:
-            InputError: One is of another type, or out of range.
-        """
+        """Return the options, the epoch as a number and the region as a list of cones; InputError for a bad one."""
         if not isinstance(self.format, str | None):
             raise InputError("must be a name", "format", self.format)
         if not isinstance(self.readme, str | PathLike | None):
@@ -82,3 +85,40 @@ def _checked_limit(limit: Any) -> dict[str, float] | None:
         ):
             raise InputError(rule, "limit", limit)
     return {band: float(magnitude) for band, magnitude in limit.items()}
+
+
+def catalog_files(path: FileNames, region: Sequence[Cone] = ()) -> list[Path]:
+    """Files that a path stands for, or several; of a HATS folder those that a region touches. InputError for none."""
+    if isinstance(path, list | tuple):
+        if not path:
+            raise InputError("must name at least one file", "path")
+        return [file for one in path for file in catalog_files(one, region)]
+    try:
+        where = fspath(path)  # type: ignore[arg-type]
+    except TypeError:
+        where = None
+    if not isinstance(where, str) or "\0" in where:
+        raise InputError(f"must be a file name, got {type(path).__name__}", "path")
+    folder = Path(where)
+    if not folder.is_dir():
+        return [folder]
+    if is_hats(folder):
+        hats = HatsFolder(folder)
+        return [tile.path for tile in (hats.near(region) if region else hats.tiles)]
+    files = sorted(file for file in folder.iterdir() if file.is_file() and _is_table(file))
+    if not files:
+        raise InputError(f"must hold files of stars ({', '.join(SUFFIXES)}), or be a HATS folder").of(where)
+    return files
+
+
+def _is_table(file: Path) -> bool:
+    return not file.name.startswith((".", "_")) and file.name.lower().removesuffix(".gz").endswith(SUFFIXES)
+
+
+def is_parquet(file: Path) -> bool:
+    """Return whether a file begins as Parquet does."""
+    try:
+        with file.open("rb") as stream:
+            return stream.read(4) == b"PAR1"
+    except OSError:
+        return False  # the reader says what is wrong

@@ -11,16 +11,16 @@ from typing import Any, NamedTuple, TypeVar
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import NUMBER_UNITS, StarColumns, checked_columns, joined
 from warpsim.sky.photometric_bands import check_flux_columns, flag_column
-from warpsim.sky.readers import infrared, near_infrared, visible
-from warpsim.sky.readers.files import FileNames, catalog_files, is_parquet
-from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
-from warpsim.sky.readers.options import ReadOptions, chosen
+from warpsim.sky.readers import infrared, visible
+from warpsim.sky.readers.options import FileNames, ReadOptions, catalog_files, chosen, is_parquet
 from warpsim.sky.readers.own_table import (
+    LAYOUTS,
     arrays_of_columns,
     check_columns,
     column_named,
     is_own,
     known_name,
+    likely_layout,
     merge_columns,
     own_columns,
     set_sloan_apart,
@@ -28,15 +28,13 @@ from warpsim.sky.readers.own_table import (
 from warpsim.sky.readers.survey import Survey
 from warpsim.sky.region import dec_range_deg
 from warpsim.sky.space_motion import J2000_JYEAR
+from warpsim.tables.by_astropy import ParquetFile
 from warpsim.tables.columns import ColumnTable, plain_name
-from warpsim.tables.parquet_file import ParquetFile
 from warpsim.tables.read_table import check_only_table, read_table
 
 T = TypeVar("T")
 
-SURVEYS: Mapping[str, Survey] = {
-    survey.name: survey for module in (infrared, near_infrared, visible) for survey in module.SURVEYS
-}
+SURVEYS: Mapping[str, Survey] = {survey.name: survey for module in (infrared, visible) for survey in module.SURVEYS}
 """Surveys known, by the name that the argument `format` takes."""
 
 
@@ -64,13 +62,7 @@ def read_stars(path: FileNames, options: ReadOptions) -> StarsOfFile:
 
 
 def read_files(files: Sequence[Path], options: ReadOptions, first_row: int = 0) -> StarsOfFile:
-    """Read the stars of files of one kind, as if they were one.
-
-    Args:
-        files: One or more.
-        options: Checked.
-        first_row: Row of the first star, by which stars without a name are called.
-    """
+    """Read the stars of files of one kind, as if they were one; first_row numbers stars without a name."""
     found: list[StarsOfFile] = []
     for file in files:
         try:
