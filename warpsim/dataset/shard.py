@@ -30,8 +30,7 @@ from warpsim.dataset.sequences import Sequence, draw_sequence
 from warpsim.dataset.writers import bytes_per_view, planes_of, shard_writer
 from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of, write_json
-from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts
-from warpsim.labels.satnet import satnet_record
+from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts, satnet_record
 from warpsim.labels.table import label_table, read_parquet, write_parquet
 from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.output.dates import utc_dates
