@@ -15,8 +15,10 @@ import numpy.typing as npt
 from warpsim.dataset.layout import (
     COCO,
     ImageKey,
+    Sequence,
     Shard,
     Stamp,
+    draw_sequence,
     folder_of,
     identity_of,
     image_id,
@@ -26,7 +28,6 @@ from warpsim.dataset.layout import (
     table_path,
 )
 from warpsim.dataset.recipe import SHARDED, Recipe
-from warpsim.dataset.sequences import Sequence, draw_sequence
 from warpsim.dataset.writers import bytes_per_view, planes_of, shard_writer
 from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of, write_json

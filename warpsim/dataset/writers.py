@@ -23,9 +23,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.dataset.layout import ImageKey, Shard, folder_of, image_id, image_keys
+from warpsim.dataset.layout import ImageKey, Sequence, Shard, folder_of, image_id, image_keys, split_of
 from warpsim.dataset.recipe import Recipe
-from warpsim.dataset.sequences import Sequence, split_of
 from warpsim.errors import InputError
 from warpsim.output.fits_header import Views
 from warpsim.output.formats import Animations, FitsCubes, Format, ImageFiles, Images

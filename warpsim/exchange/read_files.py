@@ -39,7 +39,7 @@ def read_ephemeris_table(source: SourceFile) -> list[EphemerisSegment]:
     table = _read(source)
     with source.at(0):
         _check_columns(table, "position", "x_m, y_m, z_m or x_km, y_km, z_km", ("x_m", "x_km"))
-        instants, frame = _instants(source, table), _frame(table)
+        instants, frame = _instants(table), _frame(table)
         position_m = _vector(table, [f"{axis}_m" for axis in _AXES], [f"{axis}_km" for axis in _AXES], "m")
         has_velocity = table.find("vx_m_s", "vx_km_s") is not None
         velocity_m_s = _vector(table, [f"v{a}_m_s" for a in _AXES], [f"v{a}_km_s" for a in _AXES], "m/s")
@@ -72,7 +72,7 @@ def read_attitude_table(source: SourceFile) -> list[AttitudeSegment]:
     table = _read(source)
     with source.at(0):
         _check_columns(table, "attitude", "qx, qy, qz, qw", ("qx",))
-        instants, frame = _instants(source, table), _frame(table)
+        instants, frame = _instants(table), _frame(table)
         quaternion = np.stack([table.needed(name) for name in ("qx", "qy", "qz", "qw")], axis=1)
     lines = _lines(table)
     return [
@@ -100,7 +100,7 @@ def read_temperature_table(source: SourceFile) -> tuple[FileInstants, F64, list[
         gaps = np.flatnonzero(np.isnan(temperature_k))
         if len(gaps):
             raise InputError("must be given, a table must have no gap", "temperature_k").of(locations[gaps[0]])
-        instants = _instants(source, table)
+        instants = _instants(table)
     return instants, temperature_k, locations
 
 
@@ -127,7 +127,7 @@ def _check_columns(table: ColumnTable, what: str, needed: str, one_of: tuple[str
         raise InputError(f"must have columns of {what} ({needed})", value=found, form="s")
 
 
-def _instants(source: SourceFile, table: ColumnTable) -> FileInstants:
+def _instants(table: ColumnTable) -> FileInstants:
     """Times of the rows: seconds since the scene's epoch, or dates."""
     has_s, has_utc = table.find("time_s") is not None, table.find("time_utc") is not None
     if has_s == has_utc:

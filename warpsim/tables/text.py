@@ -116,9 +116,9 @@ def delimited_tables(data: bytes, delimiter: str | None = None, *, equal_names: 
     return parts
 
 
-def read_delimited(data: bytes, delimiter: str | None = None) -> ColumnTable:
+def read_delimited(data: bytes) -> ColumnTable:
     """Read the table of a text that holds one, or the first of several; columns of equal names are an error."""
-    return delimited_tables(data, delimiter, equal_names=False)[0].read()
+    return delimited_tables(data, equal_names=False)[0].read()
 
 
 def _read_delimited(
