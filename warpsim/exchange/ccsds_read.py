@@ -37,30 +37,14 @@ from warpsim.quaternion import conjugate
 
 F64 = NDArray[np.float64]
 
-_COMMON = {
-    "OBJECT_NAME": True,
-    "OBJECT_ID": True,
-    "TIME_SYSTEM": True,
-    "START_TIME": True,
-    "USEABLE_START_TIME": False,
-    "USEABLE_STOP_TIME": False,
-    "STOP_TIME": True,
-    "INTERPOLATION_DEGREE": False,
-}
+_NEEDED = dict.fromkeys(("OBJECT_NAME", "OBJECT_ID", "TIME_SYSTEM", "START_TIME", "STOP_TIME"), True)
+_COMMON = _NEEDED | dict.fromkeys(("USEABLE_START_TIME", "USEABLE_STOP_TIME", "INTERPOLATION_DEGREE"), False)
 _OEM = {**_COMMON, "CENTER_NAME": True, "REF_FRAME": True, "REF_FRAME_EPOCH": False, "INTERPOLATION": False}
-_AEM = {
-    **_COMMON,
-    "CENTER_NAME": False,
-    "REF_FRAME_A": True,
-    "REF_FRAME_B": True,
-    "ATTITUDE_DIR": False,
-    "ATTITUDE_TYPE": True,
-    "QUATERNION_TYPE": False,
-    "EULER_ROT_SEQ": False,
-    "RATE_FRAME": False,
-    "ANGVEL_FRAME": False,
-    "INTERPOLATION_METHOD": False,
-}
+_AEM = {**_COMMON, "REF_FRAME_A": True, "REF_FRAME_B": True, "ATTITUDE_TYPE": True, "INTERPOLATION_METHOD": False}
+_AEM |= dict.fromkeys(("CENTER_NAME", "ATTITUDE_DIR", "QUATERNION_TYPE", "EULER_ROT_SEQ"), False)
+_AEM |= dict.fromkeys(("RATE_FRAME", "ANGVEL_FRAME"), False)
+"""Keywords of the metadata, and whether each must be there."""
+
 _METHODS: dict[str, Interpolation] = {"LINEAR": "linear", "LAGRANGE": "lagrange", "HERMITE": "hermite"}
 _N_QUATERNION_CELLS = {"QUATERNION": 5, "QUATERNION/DERIVATIVE": 9, "QUATERNION/RATE": 8, "QUATERNION/ANGVEL": 8}
 _SPAN_SLACK_S = 1.0
