@@ -22,8 +22,7 @@ import pytest
 
 import warpsim as ws
 from warpsim.orbit.sampling import make_tracks
-from warpsim.speed.clock import render_call
-from warpsim.speed.work import BAND, SpeedWork, speed_work
+from warpsim.speed.work import BAND, SpeedWork, render_call, speed_work
 
 N_CHECKED = 3
 """Frames whose images are compared."""

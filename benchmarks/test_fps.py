@@ -18,9 +18,8 @@ import warp as wp
 
 import warpsim as ws
 from benchmarks.psf_oracle import psf_error
-from warpsim.speed.clock import render_call
 from warpsim.speed.report import PAPER_FPS
-from warpsim.speed.work import BAND, speed_work
+from warpsim.speed.work import BAND, render_call, speed_work
 
 # Pixels, sensors, stars in view, point spread function.
 CASES = [

@@ -23,8 +23,7 @@ from warpsim.launches import Launch, Stage
 from warpsim.render import pipeline, schedule, stages
 from warpsim.render.buffers import Signal
 from warpsim.render.device_scene import DeviceScene
-from warpsim.speed.clock import render_call
-from warpsim.speed.work import N_CALL, SpeedWork, speed_work
+from warpsim.speed.work import N_CALL, SpeedWork, render_call, speed_work
 
 N_TURN = 15
 

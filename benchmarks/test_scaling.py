@@ -19,8 +19,7 @@ import numpy as np
 import pytest
 
 import warpsim as ws
-from warpsim.speed.clock import render_call, stage_times_us
-from warpsim.speed.work import BAND, SpeedWork, power_law_nei, speed_work
+from warpsim.speed.work import BAND, SpeedWork, power_law_nei, render_call, speed_work, stage_times_us
 
 SKY_STARS = 10_000_000
 """Of the largest catalog, which covers the sky."""

@@ -17,9 +17,8 @@ import pytest
 import warp as wp
 
 import warpsim as ws
-from warpsim.speed.clock import render_call, stage_times_us
 from warpsim.speed.report import PAPER_FPS
-from warpsim.speed.work import speed_work
+from warpsim.speed.work import render_call, speed_work, stage_times_us
 
 # Pixels, stars in view, point spread function.
 CASES = [

@@ -12,8 +12,8 @@ from astropy.time import Time, TimeDelta
 import warpsim as ws
 from warpsim.orbit.access import access_intervals
 from warpsim.orbit.access_constraints import AccessConstraints, CameraGeometry
+from warpsim.orbit.intervals import REACH, Scan, break_times_s, pass_times_s, scan_times_s
 from warpsim.orbit.sampling import sample_tracks
-from warpsim.orbit.scan import REACH, Scan, break_times_s, pass_times_s, scan_times_s
 
 MU = 3.986004418e14
 Z = np.array([0.0, 0.0, 1.0])

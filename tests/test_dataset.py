@@ -15,8 +15,8 @@ from astropy.wcs import WCS
 
 import warpsim as ws
 from warpsim.cli import main
-from warpsim.dataset.sequences import draw_sequence, split_of
-from warpsim.dataset.zarr_store import _chunk_shape
+from warpsim.dataset.layout import draw_sequence, split_of
+from warpsim.dataset.writers import _chunk_shape
 
 parquet = pytest.importorskip("pyarrow.parquet")
 Image = pytest.importorskip("PIL.Image")

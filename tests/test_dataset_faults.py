@@ -16,8 +16,7 @@ from pathlib import Path
 import pytest
 
 import warpsim as ws
-from warpsim.dataset import execution, shard_tables
-from warpsim.dataset import shard as shard_module
+from warpsim.dataset import execution, shard
 from warpsim.dataset.write_dataset import finish
 from warpsim.files import prepare_folder, read_json, write_fits_table
 from warpsim.output.output_folder import PARTS, OutputFolder
@@ -480,7 +479,7 @@ def test_a_run_killed_in_its_last_moment_is_tidied_up(recipe, whole, tmp_path, m
 @pytest.mark.ci
 def test_the_reason_is_told_however_busy_other_workers_are(recipe, tmp_path, monkeypatch):
     png = ws.Recipe.from_dict(recipe.to_dict() | {"format": "png", "n_frame": 20})
-    draw = shard_module.draw_sequence
+    draw = shard.draw_sequence
 
     def first_is_wrong(given, number):
         if number == 0:
@@ -534,7 +533,7 @@ def test_files_that_change_during_a_run_are_found(tmp_path, monkeypatch):
     write_fits_table(ws.StarCatalog.synthetic(500, seed=1).to_table(), catalog)
     scene = ws.Scene.load("stss").replace(sky__catalog=str(catalog))
     given = ws.Recipe(scene=scene, n_sequence=3, n_frame=1, bands="A")
-    draw = shard_module.draw_sequence
+    draw = shard.draw_sequence
 
     def changed(recipe, number):
         if number == 1:
@@ -549,8 +548,8 @@ def test_files_that_change_during_a_run_are_found(tmp_path, monkeypatch):
 @pytest.mark.ci
 def test_kept_annotations_are_used_and_those_that_are_damaged_made_anew(recipe, whole, tmp_path, monkeypatch):
     folder, made = tmp_path / "data", []
-    texts = shard_tables._texts
-    monkeypatch.setattr(shard_tables, "_texts", lambda *given: made.append(given) or texts(*given))
+    texts = shard._texts
+    monkeypatch.setattr(shard, "_texts", lambda *given: made.append(given) or texts(*given))
     monkeypatch.setattr("warpsim.dataset.write_dataset.finish", _broken_off)
     with pytest.raises(KeyboardInterrupt):
         ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
@@ -594,7 +593,7 @@ def test_a_link_in_place_of_a_split_is_refused(recipe, whole, tmp_path):
 
 def test_a_worker_that_is_late_after_rendering_leaves_nothing(recipe, tmp_path, monkeypatch):
     folder = tmp_path / "data"
-    write_files = shard_module._write_files
+    write_files = shard._write_files
 
     def late(work, task, scratch):
         drawn = write_files(work, task, scratch)

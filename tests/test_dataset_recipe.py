@@ -13,13 +13,16 @@ from scipy import stats
 import warpsim as ws
 from warpsim.cli import main
 from warpsim.config.distributions import Choice, LogUniform, Normal, Uniform, WholeNumbers
-from warpsim.dataset.layout import ImageKey, identity_of, image_id, shards_of
-from warpsim.dataset.sequences import (
+from warpsim.dataset.layout import (
+    ImageKey,
     _chosen_clip,
     _clips,
     check_extremes,
     draw_sequence,
     drawn_values,
+    identity_of,
+    image_id,
+    shards_of,
     split_of,
     varied,
 )
@@ -228,7 +231,7 @@ def test_without_access_any_sensor_and_time_will_do():
 
 @pytest.mark.parametrize(("sample", "n_draw"), [(None, 1), (SAMPLE, 3)])
 def test_when_nobody_can_see_the_targets_it_is_said(monkeypatch, sample, n_draw):
-    monkeypatch.setattr("warpsim.dataset.sequences.MOST_ATTEMPTS", 3)
+    monkeypatch.setattr("warpsim.dataset.layout.MOST_ATTEMPTS", 3)
     blind = recipe(scene=ws.Scene.load("stss").replace(access_rules__max_range_km=200.0), sample=sample)
     with pytest.raises(ws.InputError, match=f"sequence 2: in {n_draw} draws there were never 1 sensors with access"):
         draw_sequence(blind, 2)

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 import warpsim as ws
 from docs import field_tables, site_pages
 from warpsim.config.distributions import KINDS
-from warpsim.dataset.sequences import check_extremes
+from warpsim.dataset.layout import check_extremes
 from warpsim.orbit.constellations import Constellation, Orbit
 from warpsim.scene.scene import Scene
 

@@ -11,7 +11,7 @@ from astropy.table import MaskedColumn, Table
 import warpsim as ws
 from warpsim.files import write_fits_table
 from warpsim.labels.boxes import blur_half_px
-from warpsim.labels.column_meanings import DESCRIPTIONS
+from warpsim.labels.table import DESCRIPTIONS
 
 pyarrow = pytest.importorskip("pyarrow")
 

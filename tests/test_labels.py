@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis.extra import numpy as arrays
 
 import warpsim as ws
-from warpsim.labels.boxes import BOX_FRACTION, blur_half_px
-from warpsim.labels.rle import masks_to_rle, rle_area
+from warpsim.labels.boxes import BOX_FRACTION, blur_half_px, masks_to_rle, rle_area
 from warpsim.optics.enclosed import box_half_width_px
 
 SENSOR = "sat11"

@@ -28,19 +28,17 @@ from warpsim.errors import InputError
 from warpsim.exchange.segments import FRAMES
 from warpsim.instant import tdb_jd, tt_jd, utc_time
 from warpsim.orbit.earth import (
+    attitude_in_gcrs,
+    eme2000_to_gcrs,
+    frame_to_gcrs,
     geodetic_altitude_m,
     geodetic_to_gcrs_m,
     geodetic_to_itrs_m,
     itrs_to_gcrs,
     pole_of_date,
-    timescale,
-)
-from warpsim.orbit.frames import (
-    attitude_in_gcrs,
-    eme2000_to_gcrs,
-    frame_to_gcrs,
     spin_rad_s,
     states_to_gcrs,
+    timescale,
 )
 from warpsim.orbit.sun import earth_states
 

@@ -16,11 +16,10 @@ import warpsim as ws
 from warpsim.constants import EARTH_GM_M3_S2
 from warpsim.errors import InputError
 from warpsim.instant import utc_time
-from warpsim.orbit.earth import pole_of_date
+from warpsim.orbit.earth import frame_to_gcrs, pole_of_date
 from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
-from warpsim.orbit.frames import frame_to_gcrs
 from warpsim.orbit.gravity import propagate
-from warpsim.orbit.interpolate import interpolate, window_size
+from warpsim.orbit.track import interpolate, window_size
 from warpsim.orbit.two_body import propagate_two_body
 
 EPOCH = utc_time("2025-03-20T12:00:00")

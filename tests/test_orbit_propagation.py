@@ -9,10 +9,9 @@ from scipy.integrate import solve_ivp
 
 from warpsim.constants import EARTH_J2, EARTH_J3, EARTH_J4
 from warpsim.errors import InputError
-from warpsim.orbit import picard, sampling
+from warpsim.orbit import gravity, sampling
 from warpsim.orbit.elements import StateVector
-from warpsim.orbit.gravity import propagate
-from warpsim.orbit.picard import NoPathError
+from warpsim.orbit.gravity import NoPathError, propagate
 from warpsim.orbit.sampling import choose_step_s, make_tracks, node_grid, sample_tracks
 from warpsim.orbit.track import Track
 from warpsim.orbit.two_body import stumpff
@@ -260,9 +259,9 @@ def test_picard_refuses_what_is_not_finite():
     r, v = (x[:, None] for x in STATES["low-orbit"])
     for bad in ((r + np.nan, v, 1e-3), (r, v + np.nan, 1e-3), (r, v, np.nan)):
         with pytest.raises(NoPathError):
-            picard.integrate(pull, *bad[:2], np.array([50.0]), bad[2], 3e6)
+            gravity.integrate(pull, *bad[:2], np.array([50.0]), bad[2], 3e6)
     with pytest.raises(NoPathError) as caught:
-        picard.integrate(pull_with_a_hole, r, v, np.array([5000.0]), 1e-3, 3e6)
+        gravity.integrate(pull_with_a_hole, r, v, np.array([5000.0]), 1e-3, 3e6)
     assert 100.0 < caught.value.time_s < 150.0  # where x = 6600 km
 
 

@@ -20,8 +20,7 @@ from hypothesis import strategies as st
 from warpsim.errors import InputError
 from warpsim.instant import utc_time
 from warpsim.orbit.constellations import MixedConstellation
-from warpsim.orbit.earth import timescale
-from warpsim.orbit.frames import frame_to_gcrs
+from warpsim.orbit.earth import frame_to_gcrs, timescale
 from warpsim.orbit.sampling import make_tracks
 from warpsim.orbit.tle import TleOrbit, TleSatellites
 

@@ -8,9 +8,8 @@ import warpsim as ws
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, EARTH_GM_M3_S2, SPEED_OF_LIGHT_M_S
 from warpsim.orbit.earth import gcrs_to_geodetic
 from warpsim.orbit.sun import earth_states
-from warpsim.plot.figure import annotate_points, plain, save_figure
+from warpsim.plot.figure import annotate_points, globe_from, plain, save_figure
 from warpsim.plot.figure_files import draw_access, draw_scenario
-from warpsim.plot.globe import globe_from
 from warpsim.plot.group_figure import body_to_gcrs, drawn_facets, group_offsets_m
 from warpsim.plot.image_figure import camera_view, earth_clearance
 from warpsim.plot.scene_figure import broken_at_date_line, osculating_ellipse_m

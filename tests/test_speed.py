@@ -6,25 +6,30 @@ import re
 import numpy as np
 import pytest
 import warp as wp
+from command_line import printed, refused, run
 
 import warpsim as ws
-from warpsim.cli import main
 from warpsim.render.image_stack import ImageStack
-from warpsim.speed.clock import render_call, stage_times_us, synchronised_s, timed_stages, work_fps
 from warpsim.speed.report import PAPER_FPS, Speed, row
-from warpsim.speed.work import BAND, FLUX_RANGE_NEI, N_CALL, power_law_nei, speed_catalog, speed_work
+from warpsim.speed.work import (
+    BAND,
+    FLUX_RANGE_NEI,
+    N_CALL,
+    power_law_nei,
+    render_call,
+    speed_catalog,
+    speed_work,
+    stage_times_us,
+    synchronised_s,
+    timed_stages,
+    work_fps,
+)
 
 STAGES = ["aim", "observe_targets", "gather_stars", "deposit", "read_out"]
 TINY = ("--device", "cpu", "--pixels", "16,24", "--quick")
 
 # Counts of stars in single views scatter like their square root; the bounds leave 5 standard deviations.
 N_SIGMA = 5.0
-
-
-def run(capsys, *arguments):
-    code = main([str(argument) for argument in arguments])
-    out, err = capsys.readouterr()
-    return code, out, err
 
 
 @pytest.fixture(scope="module")
@@ -125,8 +130,7 @@ def test_measures_are_positive(work):
 
 def test_bench_prints_both_tables_and_writes_the_figures(capsys, tmp_path):
     path = tmp_path / "speed.json"
-    code, out, _ = run(capsys, "bench", *TINY, "--sensors", "1,3", "--stars", "7", "--psf", "gaussian", "--json", path)
-    assert code == 0
+    out = printed(capsys, "bench", *TINY, "--sensors", "1,3", "--stars", "7", "--psf", "gaussian", "--json", path)
     assert "about 7 stars in view, a Gaussian of 0.7 px" in out
     assert re.findall(r"^cpu +(\d+)\^2 +(\d+) +(\d+) +[\d,]+ +- ", out, re.MULTILINE) == [
         ("16", "1", "64"), ("16", "3", "21"), ("24", "1", "64"), ("24", "3", "21"),
@@ -148,12 +152,12 @@ def test_bench_leaves_counts_on_the_device_and_takes_frames_of_a_call(capsys, tm
     numpy = ImageStack.numpy
     monkeypatch.setattr(ImageStack, "numpy", lambda images: copied.append(images.shape) or numpy(images))
     size = ("--pixels", "16", "--sensors", "2", "--stars", "3", "--frames", "5", "--quick", "--device", device)
-    code, out, _ = run(capsys, "bench", *size, "--resident", "--json", tmp_path / "resident.json")
-    assert code == 0 and not copied and "counts left on the device" in out
+    out = printed(capsys, "bench", *size, "--resident", "--json", tmp_path / "resident.json")
+    assert not copied and "counts left on the device" in out
     data = json.loads((tmp_path / "resident.json").read_text())
     assert data["plan"]["resident"] and [case["n_frame"] for case in data["cases"]] == [5]
-    code, out, _ = run(capsys, "bench", *size)
-    assert code == 0 and set(copied) == {(5, 2, 1, 16, 16)} and "counts in host memory" in out
+    out = printed(capsys, "bench", *size)
+    assert set(copied) == {(5, 2, 1, 16, 16)} and "counts in host memory" in out
 
 
 def test_time_between_idle_moments_holds_what_is_launched(monkeypatch, device):
@@ -195,9 +199,7 @@ def test_rows_have_the_papers_figures_beside_ours():
     ],
 )
 def test_bad_options_of_bench(capsys, arguments, message):
-    code, out, err = run(capsys, "bench", *arguments)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert message in err
+    assert message in refused(capsys, "bench", *arguments)
 
 
 @pytest.mark.ci
@@ -207,20 +209,15 @@ def test_bench_measures_each_kind_of_a_scene(capsys, tmp_path):
     both = stss.replace(sensors=[{**stss.to_dict()["sensors"][0], "name": "narrow"}, wide], sky__catalog="none")
     small = both.replace(sensors__0__camera__n_row=16, sensors__0__camera__n_col=24, frames__count=4)
     small.save(tmp_path / "both.toml")
-    code, out, _ = run(
-        capsys, "bench", tmp_path / "both.toml", "--quick", "--device", "cpu", "--json", tmp_path / "x.json"
-    )
-    assert code == 0
+    out = printed(capsys, "bench", tmp_path / "both.toml", "--quick", "--device", "cpu", "--json", tmp_path / "x.json")
     assert re.findall(r"^cpu +(\w+) +(\d+ x \d+) +(\d) ", out, re.MULTILINE) == [
         ("narrow", "16 x 24", "3"), ("wide", "128 x 128", "1"),
     ]  # fmt: skip
     cases = json.loads((tmp_path / "x.json").read_text())["cases"]
     assert [case["kind"] for case in cases] == ["narrow", "wide"] and all(case["images_per_s"] > 0 for case in cases)
     assert [case["n_frame"] for case in cases] == [4, 4] and not cases[0]["resident"]
-    code, out, _ = run(
-        capsys, "bench", tmp_path / "both.toml", "--quick", "--device", "cpu", "--resident", "--frames", 2
-    )
-    assert code == 0 and "counts left on the device" in out
+    out = printed(capsys, "bench", tmp_path / "both.toml", "--quick", "--device", "cpu", "--resident", "--frames", 2)
+    assert "counts left on the device" in out
     assert re.findall(r"^cpu +\w+ +\d+ x \d+ +\d +\d+ +(\d) ", out, re.MULTILINE) == ["2", "2"]
     code, _, err = run(capsys, "bench", tmp_path / "both.toml", "--pixels", "16")
     assert (code, err) == (2, "warpsim: --pixels: must not be given with a scene, which has its own\n")

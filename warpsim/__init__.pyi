@@ -31,7 +31,7 @@ from warpsim.render.stream import StreamStats as StreamStats
 from warpsim.render.light_curves import light_curves as light_curves
 from warpsim.render.light_curves import LightCurves as LightCurves
 from warpsim.render.deposit import deposit as deposit
-from warpsim.speed.clock import measure_fps as measure_fps
+from warpsim.speed.work import measure_fps as measure_fps
 from warpsim.measure.triangulation import triangulate as triangulate
 from warpsim.measure.triangulation import Triangulation as Triangulation
 

@@ -19,7 +19,7 @@ from benchmarks.gpu.plan import Plan, Row, rows_of
 from benchmarks.peers.pairs import PEERS, Turn, draws, is_installed, make_peer
 from benchmarks.peers.work import PSFS, peer_work
 from warpsim.render.device import n_usable_cpu
-from warpsim.speed.clock import work_fps
+from warpsim.speed.work import work_fps
 
 PACKAGES = ("warpsim", "warp-lang", "numpy", "torch", "cupy-cuda12x", "cupy-cuda13x", "jax")
 

@@ -11,8 +11,7 @@ from unittest import mock
 import warpsim as ws
 from benchmarks.gpu.plan import Plan, Row, rows_of
 from warpsim.render import pipeline, schedule, stages
-from warpsim.speed.clock import stage_times_us, work_fps
-from warpsim.speed.work import PSFS, SpeedWork, speed_work
+from warpsim.speed.work import PSFS, SpeedWork, speed_work, stage_times_us, work_fps
 
 FRAMES = {128: (64, 512, 2048, 8192), 256: (64, 512, 2048), 512: (64, 512), 1024: (16, 64, 128, 256)}
 """Frames of a call by rows and columns of an image; of the largest the stages are timed, too."""

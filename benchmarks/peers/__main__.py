@@ -18,7 +18,7 @@ import warp as wp
 
 from benchmarks.peers.pairs import PEERS, draws, is_installed, make_peer, peer_error_nei
 from benchmarks.peers.work import PSFS, peer_work
-from warpsim.speed.clock import render_call
+from warpsim.speed.work import render_call
 
 N_TURN = 12
 PIXELS_PER_TURN = 2**22

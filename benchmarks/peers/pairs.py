@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.peers.work import EXACT, Peer, PeerWork
-from warpsim.speed.clock import render_call
+from warpsim.speed.work import render_call
 
 PEERS = {
     "NumPy": ("numpy", "NumpyPeer"),

@@ -149,8 +149,8 @@ def _check(options: argparse.Namespace) -> int:
     if "scene" not in read_scene_data(options.scene):
         print(scene_report(scenario_of(options.scene)))
         return 0
+    from warpsim.dataset.layout import recipe_report
     from warpsim.dataset.recipe import Recipe
-    from warpsim.dataset.recipe_report import recipe_report
 
     recipe = Recipe.load(options.scene)
     print(

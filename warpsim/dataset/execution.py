@@ -34,17 +34,10 @@ class WorkersLostError(OSError):
 def run_tasks(
     tasks: Sequence[Task], executor: Executor | None, n_worker: int, done: Callable[[CheckpointRecord], None]
 ) -> None:
-    """Run all tasks; `done` is called with each checkpoint record, in this thread.
+    """Run all tasks on an executor, or in n_worker processes (1: in this one); `done` gets each record, in this thread.
 
-    Args:
-        tasks: What is to be done.
-        executor: Who does it; its workers must see the folder that tasks write to.
-        n_worker: Processes of a pool of our own, where no executor is given; 1: this process.
-        done: Called with each checkpoint record.
-
-    Raises:
-        InputError: A task cannot be done.
-        OSError: Writing failed, or workers were lost.
+    The workers of an executor must see the folder that tasks write to. InputError: a task cannot be done; OSError:
+    writing failed, or workers were lost.
     """
     if executor is not None:
         _collect(executor, tasks, done)
@@ -98,7 +91,8 @@ def _collect(
             if not waiting:
                 return
             ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            for future in sorted(ready, key=_failed):  # what is done counts, whatever else was not
+            # What is done counts, whatever else was not.
+            for future in sorted(ready, key=lambda one: one.cancelled() or one.exception() is not None):
                 with _naming_losses():
                     record = future.result()
                 done(record)
@@ -108,10 +102,6 @@ def _collect(
         if isinstance(error, Exception) and not isinstance(error, WorkersLostError) and not is_own:
             wait(waiting)  # what has begun ends by itself, and then the folder is nobody's
         raise
-
-
-def _failed(future: Future[CheckpointRecord]) -> bool:
-    return future.cancelled() or future.exception() is not None
 
 
 @contextmanager
@@ -161,14 +151,7 @@ CONNECT_TIMEOUT_S = 20
 
 @contextmanager
 def dask_executor(address: str) -> Iterator[Executor]:
-    """The workers of a Dask cluster.
-
-    Args:
-        address: Of the scheduler: tcp://HOST:PORT.
-
-    Raises:
-        InputError: Dask is not installed, or no scheduler answers.
-    """
+    """The workers of a Dask cluster, by its scheduler's address (tcp://HOST:PORT); InputError without either."""
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:

@@ -1,4 +1,6 @@
-"""Layout of a data set: paths of its parts, which sequences are written as one, and all that its bytes depend on.
+"""What a data set is made of: its sequences, functions of the recipe's seed and the sequence's number alone, and files.
+
+Which sequences are written as one, all that their bytes depend on, and the paths:
 
 manifest.json                      what was made, from what, with what; the last file to come
 sequences.parquet                  one row per sequence: what was drawn
@@ -10,13 +12,15 @@ SPLIT/000003.tar, SPLIT/images.zarr   formats that put several sequences into on
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from warpsim.dataset.recipe import SHARDED, Recipe
-from warpsim.dataset.samples import choices_with_files
-from warpsim.dataset.sequences import Sequence, split_of, varied
+import numpy as np
+
+from warpsim.dataset.recipe import SHARDED, Recipe, choices_with_files
+from warpsim.errors import InputError
 from warpsim.output.manifest import package_versions
 from warpsim.output.output_folder import MANIFEST
 from warpsim.render.frameset import FrameSet
@@ -26,12 +30,165 @@ from warpsim.scene.inputs import input_checksums
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.scene.scene_files import named_files
+from warpsim.streams import uniforms
 from warpsim.version import __version__
 
 SEQUENCES = "sequences.parquet"
 ANNOTATIONS = "annotations"
 COCO = "coco"
 """In the folder of parts: texts of annotations."""
+
+MOST_ATTEMPTS = 100
+"""Draws of a sequence before it is given up: a scene may leave no sensor that sees the targets for long enough."""
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """One sequence."""
+
+    number: int
+    scene: Scene
+    """With the drawn values, a seed of its own, and frames 0 to n_frame - 1."""
+    sensors: list[str]
+    values: dict[str, Any]
+    """What was drawn, by field of the scene."""
+    attempt: int
+    """Draws before this one in which not enough sensors saw the targets."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """Scenario of the scene."""
+        return self.scene.scenario
+
+    @property
+    def by_kind(self) -> dict[str, list[str]]:
+        """Sensors by their kind: those of one are rendered together."""
+        kinds: dict[str, list[str]] = {}
+        for sensor in self.sensors:
+            kinds.setdefault(self.scenario.instrument_of(sensor).sensor.name, []).append(sensor)
+        return kinds
+
+
+def draw_sequence(recipe: Recipe, number: int) -> Sequence:
+    """Draw a sequence; InputError where the drawn values are not valid in the scene, or no draw has enough sensors."""
+    for attempt in range(MOST_ATTEMPTS):
+        values = drawn_values(recipe, number, attempt)
+        scene = varied(recipe, values, f"sequence {number}", **_of_sequence(recipe, number))
+        clips = _any_time(recipe, scene) if recipe.every_frame else _clips(recipe, scene)
+        if clips:
+            start_s, sensors = _chosen_clip(recipe, clips, number, attempt)
+            frames = {"count": recipe.n_frame, "interval_s": recipe.step_s, "start_s": start_s}
+            return Sequence(number, scene.replace(frames=frames), sensors, values, attempt)
+        if not recipe.distributions:  # all draws are alike
+            break
+    raise InputError(
+        f"in {attempt + 1} draws there were never {recipe.n_sensor} sensors with access to a target for "
+        f"{recipe.clip_s:g} s; ask for fewer frames or sensors, or for every_frame = true",
+        f"sequence {number}",
+    )
+
+
+def _of_sequence(recipe: Recipe, number: int) -> dict[str, Any]:
+    """Fields of the scene of a sequence that the recipe sets: seeds, bands, and the same frames for all sensors."""
+    fields: dict[str, Any] = {"seed": _seed(recipe, number), "noise_seed": None}
+    for index, (name, instrument) in enumerate(recipe.scenario.instruments.items()):
+        fields[f"sensors__{index}__frames"] = None
+        if name in recipe.instruments:
+            fields[f"sensors__{index}__bands"] = recipe.bands_of(instrument)
+    return fields
+
+
+def drawn_values(recipe: Recipe, number: int, attempt: int = 0) -> dict[str, Any]:
+    """Return values of the sampled fields in one draw of a sequence, by field."""
+    return {
+        name: distribution.value(float(uniforms(recipe.seed, f"dataset.{name}", number, attempt + 1)[attempt]))
+        for name, distribution in recipe.distributions.items()
+    }
+
+
+def varied(recipe: Recipe, values: dict[str, Any], where: str, **others: Any) -> Scene:
+    """Return the recipe's scene with drawn values, and others; InputError that begins with `where` for bad ones."""
+    try:
+        scene = recipe.scene.replace(**{name.replace(".", "__"): value for name, value in values.items()}, **others)
+        scene.scenario  # noqa: B018  # reads files, flies flights
+    except InputError as error:
+        shown = ", ".join(f"{name} = {value!r}" for name, value in values.items())
+        raise error.of(f"{where} (drawn: {shown})"[:400]) from None
+    known = _classes(recipe.scene)
+    if new := _classes(scene) - known:  # the categories of all annotations are the same
+        raise InputError(
+            f"targets must be of the scene's own classes ({', '.join(sorted(known))})", value=new.pop()
+        ).of(where)
+    return scene
+
+
+def _classes(scene: Scene) -> set[str]:
+    return {spec.class_name for group in scene.groups for spec in group.targets}
+
+
+def check_extremes(recipe: Recipe) -> None:
+    """Check that the extremes of each distribution are valid in the scene, before hours of work."""
+    for name, distribution in recipe.distributions.items():
+        for value in distribution.extremes:
+            varied(recipe, {name: value}, f"sample.{name}")
+
+
+def split_of(recipe: Recipe) -> dict[str, list[int]]:
+    """Return the numbers of the sequences of each split, in order; ratios are met to one sequence."""
+    order = np.argsort(uniforms(recipe.seed, "dataset split", 0, recipe.n_sequence), kind="stable")
+    total = sum(recipe.ratios.values())
+    ends = np.cumsum(list(recipe.ratios.values())) / total * recipe.n_sequence
+    edges = [0, *(int(end) for end in np.round(ends))]
+    return {
+        name: sorted(int(number) for number in order[first:end])
+        for name, first, end in zip(recipe.ratios, edges[:-1], edges[1:], strict=True)
+    }
+
+
+def _seed(recipe: Recipe, number: int) -> int:
+    """The seed of a sequence's noise and of all that its scene draws."""
+    return int(uniforms(recipe.seed, "dataset seed", number, 1)[0] * 2**53)
+
+
+def _any_time(recipe: Recipe, scene: Scene) -> list[tuple[float, float, list[str]]]:
+    """The whole scene, with all sensors; nothing where a drawn constellation has too few."""
+    pool = recipe.pool_of(scene.scenario)
+    return [(0.0, scene.duration_s - recipe.clip_s, pool)] if len(pool) >= recipe.n_sensor else []
+
+
+def _clips(recipe: Recipe, scene: Scene) -> list[tuple[float, float, list[str]]]:
+    """Earliest and latest start of sequences that the same sensors see whole, and these sensors; enough of them."""
+    pool = recipe.pool_of(scene.scenario)
+    seen = [
+        (instrument.names[sensor], float(start_s), float(end_s - recipe.clip_s))
+        for instrument in scene.scenario.instruments.values()
+        for sensor, start_s, end_s in zip(
+            instrument.access.row, instrument.access.start_s, instrument.access.end_s, strict=True
+        )
+        if instrument.names[sensor] in pool and end_s - recipe.clip_s >= start_s
+    ]
+    edges = sorted({edge for _, *edge_s in seen for edge in edge_s})
+    clips = []
+    for first_s, last_s in zip(edges, edges[1:] or edges, strict=False):
+        names = [name for name, start_s, end_s in seen if start_s <= first_s and last_s <= end_s]
+        if len(names) >= recipe.n_sensor:
+            clips.append((first_s, last_s, names))
+    return clips
+
+
+def _chosen_clip(
+    recipe: Recipe, clips: list[tuple[float, float, list[str]]], number: int, attempt: int
+) -> tuple[float, list[str]]:
+    """Start and sensors of a sequence: any possible start is as likely, and any choice of sensors."""
+    fraction = uniforms(recipe.seed, "dataset start", number, attempt + 1)[attempt]
+    lengths = np.array([last_s - first_s for first_s, last_s, _ in clips])
+    ends = np.cumsum(lengths if lengths.sum() > 0 else np.ones(len(clips)))
+    which = min(int(np.searchsorted(ends, fraction * ends[-1], side="right")), len(clips) - 1)
+    first_s, last_s, names = clips[which]
+    along = (fraction * ends[-1] - (ends[which] - lengths[which])) if lengths.sum() > 0 else 0.0
+    order = np.argsort(uniforms(recipe.seed, f"dataset sensors {attempt}", number, len(names)), kind="stable")
+    chosen = {names[i] for i in order[: recipe.n_sensor]}
+    return min(first_s + float(along), last_s), [name for name in names if name in chosen]
 
 
 @dataclass(frozen=True)
@@ -123,15 +280,7 @@ Stamp = tuple[int, int] | None
 
 
 def identity_of(recipe: Recipe, device: str) -> Identity:
-    """Return all inputs that the bytes of a data set depend on, as plain values, for its manifest.
-
-    Args:
-        recipe: The recipe.
-        device: Alias of the Warp device; one GPU stands for all.
-
-    Raises:
-        InputError: An input file cannot be read.
-    """
+    """Return all inputs that the bytes of a data set depend on, as plain values for its manifest; any GPU is "cuda"."""
     return {
         "recipe": recipe.to_dict(),
         "inputs": _inputs(recipe),
@@ -179,12 +328,28 @@ def _inputs(recipe: Recipe) -> dict[str, str]:
 
 
 def _inputs_of(scene: Scene) -> dict[str, str]:
-    return _catalogs(scene.scenario) | input_checksums(scene.scenario)
-
-
-def _catalogs(scenario: Scenario) -> dict[str, str]:
-    """Checksums of the star catalog: one for all kinds of sensors, or one of each."""
-    found = catalog_checksums(scenario)
+    found = catalog_checksums(scene.scenario)  # one for all kinds of sensors, or one of each
+    catalogs = {f"{STAR_CATALOG} of {kind}": checksum for kind, checksum in found.items()}
     if len(set(found.values())) == 1:
-        return {STAR_CATALOG: next(iter(found.values()))}
-    return {f"{STAR_CATALOG} of {kind}": checksum for kind, checksum in found.items()}
+        catalogs = {STAR_CATALOG: next(iter(found.values()))}
+    return catalogs | input_checksums(scene.scenario)
+
+
+def recipe_report(recipe: Recipe) -> str:
+    """Size, splits and sampled fields of a data set, and its first sequence as an example; InputError for none."""
+    check_extremes(recipe)
+    identity_of(recipe, "cpu")  # reads every file that is named
+    n_pool = len(recipe.pool_of(recipe.scenario))
+    size = recipe.n_sequence * recipe.n_frame * recipe.frame_bytes
+    splits = ", ".join(f"{name} {len(numbers)}" for name, numbers in split_of(recipe).items())
+    first = draw_sequence(recipe, 0)
+    drawn = "".join(f", {name} = {value!r}" for name, value in first.values.items())
+    lines = [
+        f"{recipe.n_image:,} images: {recipe.n_sequence:,} sequences of {recipe.n_frame} frames every "
+        f"{recipe.step_s:g} s, {recipe.n_sensor} of {n_pool} sensors, bands {' '.join(recipe.band_names)}",
+        f"sequences: {splits}",
+        f"{recipe.format}, {len(shards_of(recipe)):,} shards; {size / 1e6:,.1f} MB before compression, and tables",
+        *(f"drawn: {name} = {json.dumps(how)[:80]}" for name, how in recipe.to_dict().get("sample", {}).items()),
+        f"sequence 0: from {first.scene.frames.start_s:.3f} s on, {', '.join(first.sensors)}{drawn}",
+    ]
+    return "\n".join(lines)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ValidationError, ValidationInfo, model_validator
 
-from warpsim.config.distributions import Distribution
+from warpsim.config.distributions import KINDS, Distribution, is_distribution
 from warpsim.config.fields import (
     Count,
     Integer,
@@ -23,12 +23,11 @@ from warpsim.config.fields import (
     rule_error,
 )
 from warpsim.config.model import adapter, config_model, input_error
-from warpsim.dataset.samples import flat_names, with_absolute_choices
 from warpsim.errors import InputError
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
-from warpsim.scene.scene_files import presets, read_scene_data
+from warpsim.scene.scene_files import named_files, presets, read_scene_data, with_absolute_paths
 
 if TYPE_CHECKING:
     from typing import Self
@@ -53,6 +52,62 @@ sequences."""
 
 IMAGE_SIZE = ("camera", "camera.n_row", "camera.n_col")
 """Fields of a sensor that set the size of its images."""
+
+
+def flat_names(value: Any) -> dict[str, Any]:
+    """Distributions by their field's whole name, however deep the tables are that lead there."""
+    if not isinstance(value, Mapping):
+        raise rule_error("must be a table of fields and distributions")
+    flat: dict[str, Any] = {}
+
+    def walk(items: Mapping[Any, Any], above: str) -> None:
+        for key, item in items.items():
+            name = f"{above}{str(key).replace('__', '.')}"
+            if name in flat:
+                raise rule_error(f"must name each field once; {name} comes twice")
+            if is_distribution(item):
+                flat[name] = item
+            elif isinstance(item, Mapping) and item:
+                walk(item, f"{name}.")
+            else:
+                raise rule_error(f"must have one of {', '.join(KINDS)} for {name}, as in {{ uniform = [1, 2] }}")
+
+    walk(value, "")
+    return flat
+
+
+def with_absolute_choices(distributions: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Distributions by field, in which relative paths among the values of choices are taken from a folder."""
+    return {
+        name: item | {"choice": [_absolute(name, value, folder) for value in item["choice"]]}
+        if isinstance(item, dict) and isinstance(item.get("choice"), list | tuple)
+        else item
+        for name, item in distributions.items()
+    }
+
+
+def choices_with_files(distributions: Mapping[str, Any]) -> Iterator[tuple[str, int, Any, dict[str, Any]]]:
+    """Choices that name a file, a list of files, or a star catalog: field, index, value, and value in tables."""
+    for name, distribution in distributions.items():
+        for number, value in enumerate(getattr(distribution, "choice", ())):
+            nested = _nested(name, value)
+            if named_files(nested) or "catalog" in nested.get("sky", ()):
+                yield name, number, value, nested
+
+
+def _absolute(name: str, value: Any, folder: Path) -> Any:
+    nested: Any = with_absolute_paths(_nested(name, value), folder)
+    for part in name.split("."):
+        nested = nested[0 if part.isdigit() else part]
+    return nested
+
+
+def _nested(name: str, value: Any) -> dict[str, Any]:
+    """A value in tables and lists by the parts of its name."""
+    for part in reversed(name.split(".")):
+        value = [value] if part.isdigit() else {part: value}
+    nested: dict[str, Any] = value
+    return nested
 
 
 def _scene(value: Any, info: ValidationInfo) -> Scene:

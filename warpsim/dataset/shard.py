@@ -1,26 +1,210 @@
-"""Work of a worker: render a shard, write it, move its files to their final paths, return its checkpoint record."""
+"""Work of a worker: render a shard, write its images, tables and annotations, return its checkpoint record."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from warpsim.dataset.layout import Shard, Stamp, folder_of, identity_of, input_files, stamp_of
-from warpsim.dataset.recipe import Recipe
-from warpsim.dataset.sequences import Sequence, draw_sequence
-from warpsim.dataset.shard_tables import ShardTables, keep_texts, write_satnet
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.dataset.layout import (
+    COCO,
+    ImageKey,
+    Sequence,
+    Shard,
+    Stamp,
+    draw_sequence,
+    folder_of,
+    identity_of,
+    image_id,
+    image_keys,
+    input_files,
+    stamp_of,
+    table_path,
+)
+from warpsim.dataset.recipe import SHARDED, Recipe
 from warpsim.dataset.writers import bytes_per_view, planes_of, shard_writer
 from warpsim.errors import InputError
-from warpsim.files import read_json
+from warpsim.files import read_json, sha256_of, write_json
+from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts, satnet_record
+from warpsim.labels.table import label_table, read_parquet, write_parquet
+from warpsim.optics.wcs import lens_keywords, tan_keywords
+from warpsim.output.dates import utc_dates
 from warpsim.output.output_folder import PARTS, RUN, CheckpointRecord, OutputFolder, difference
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 
+if TYPE_CHECKING:
+    from astropy.table import Table
+
 BYTES_PER_CALL = 64 * 2**20
 """Size of images held in memory at a time, with all requested planes."""
+
+IMAGE_UNITS = {"time_s": "s", "nei_w_cm2": "W / cm2", "sei_w_cm2": "W / cm2"}
+
+
+class _ShardTables:
+    """Collects the rows of a shard and writes them: by sequence, or, in sharded formats, all at once.
+
+    The folder to write to mirrors the data set's; `locate` gives file and item of the image of a key.
+    """
+
+    def __init__(
+        self, recipe: Recipe, shard: Shard, folder: Path, locate: Callable[[Sequence, ImageKey], tuple[str, str]]
+    ) -> None:
+        self._recipe, self._shard, self._folder, self._locate = recipe, shard, folder, locate
+        self._parts: dict[str, list[Table]] = {}
+
+    def add(self, sequence: Sequence, position: int, frames: FrameSet) -> dict[str, Table]:
+        """Add the rows of a render call; return them by table."""
+        keys = image_keys(self._recipe, sequence, position, frames)
+        ids = np.array([image_id(self._recipe, key) for key in keys], dtype=np.int64)
+        truth = label_table(frames, least_nei=self._recipe.least_nei, with_masks=self._recipe.masks)
+        n_target = len(sequence.scenario.targets)
+        _put_keys_first(truth, np.repeat(ids, n_target), sequence.number)
+        rows = {"images": self._images(sequence, frames, keys, ids), "truth": truth}
+        if self._recipe.stars:
+            rows["stars"] = frames.stars
+            rows["stars"].add_column(np.full(len(frames.stars), sequence.number), index=0, name="sequence")
+        for name, table in rows.items():
+            self._parts.setdefault(name, []).append(table)
+        return rows
+
+    def _images(self, sequence: Sequence, frames: FrameSet, keys: list[ImageKey], ids: Any) -> Table:
+        """One row per image: file, time, sensor, band and WCS."""
+        from astropy.table import Table
+
+        instrument = frames.instrument
+        camera = instrument.sensor.camera
+        locations = [self._locate(sequence, key) for key in keys]
+        lens = lens_keywords(camera)
+        axes = frames.axes_icrs
+        n_band = len(frames.bands)
+        wcs = [json.dumps(tan_keywords(axes[f, s], camera) | lens) for f, s in np.ndindex(axes.shape[:2])]
+        dates = utc_dates(sequence.scene.epoch_utc, frames.time_s)
+        n_view = len(wcs)
+        levels = [instrument.levels[key.band] for key in keys]
+        table = Table(
+            {
+                "file": [file for file, _ in locations],
+                "item": [item for _, item in locations],
+                "frame": np.array([key.frame for key in keys], dtype=np.int64),
+                "time_s": np.repeat(frames.time_s, len(keys) // len(frames.frames)),
+                "date_obs": np.repeat(dates, len(keys) // len(frames.frames)),
+                "sensor": [key.sensor for key in keys],
+                "band": [key.band for key in keys],
+                "width": np.full(len(keys), camera.n_col, dtype=np.int32),
+                "height": np.full(len(keys), camera.n_row, dtype=np.int32),
+                "nei_w_cm2": [level.nei_w_cm2 for level in levels],
+                "sei_w_cm2": [level.sei_w_cm2 for level in levels],
+                "blank_counts": [float(level.blank_counts) for level in levels],
+                "counts_per_nei": [float(level.counts_per_nei) for level in levels],
+                "wcs": np.repeat(np.array(wcs, dtype=object), n_band) if n_view else [],
+            }
+        )
+        for name, unit in IMAGE_UNITS.items():
+            table[name].unit = unit
+        _put_keys_first(table, ids, sequence.number)
+        return table
+
+    def end_sequence(self, sequence: Sequence) -> None:
+        """Write the tables of a sequence, unless those of the whole shard are one."""
+        if self._recipe.format not in SHARDED:
+            self._write(sequence.number)
+
+    def close(self) -> None:
+        """Write what is left."""
+        if self._parts:
+            self._write(self._shard.sequences[0])
+
+    def _write(self, sequence: int) -> None:
+        from astropy.table import vstack
+
+        for name, parts in self._parts.items():
+            path = self._folder / table_path(self._recipe, self._shard, sequence, name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            table = vstack(parts, metadata_conflicts="silent") if len(parts) > 1 else parts[0]
+            write_parquet(table, path, {"table": name})
+        self._parts = {}
+
+
+def _put_keys_first(table: Table, image_ids: Any, sequence: int) -> None:
+    """Move the key columns to the front."""
+    table.add_column(image_ids, index=0, name="image_id")
+    table.add_column(np.full(len(table), sequence, dtype=np.int64), index=1, name="sequence")
+
+
+Columns = dict[str, npt.NDArray[Any]]
+
+_FACTS = {
+    "id": "image_id", "file_name": "file", "item": "item", "width": "width", "height": "height",
+    "sequence": "sequence", "frame": "frame", "time_s": "time_s", "date_obs": "date_obs", "sensor": "sensor",
+    "band": "band",
+}  # fmt: skip
+"""What COCO's file says of an image, and the columns of the table of images that know it."""
+
+
+def keep_texts(recipe: Recipe, folder: Path, shard: Shard) -> str:
+    """Write the COCO texts of a shard with complete tables; return their SHA-256."""
+    path = _texts_path(folder, shard)
+    write_json(_texts(recipe, folder, shard), path)
+    return sha256_of(path)
+
+
+def shard_texts(recipe: Recipe, folder: Path, shard: Shard, checksum: str | None) -> tuple[str, str]:
+    """Return the COCO texts of a shard's images and annotations; made again unless stored whole."""
+    path = _texts_path(folder, shard)
+    if path.is_file() and sha256_of(path) == checksum:
+        images, annotations = read_json(path)
+        return images, annotations
+    return _texts(recipe, folder, shard)
+
+
+def _texts_path(folder: Path, shard: Shard) -> Path:
+    return folder / PARTS / COCO / f"{shard.name}.json"
+
+
+def _texts(recipe: Recipe, folder: Path, shard: Shard) -> tuple[str, str]:
+    images, annotations = zip(
+        *coco_texts(_images(recipe, folder, shard), coco_categories(recipe.scenario)), strict=True
+    )
+    return BETWEEN.join(images), BETWEEN.join(filter(None, annotations))
+
+
+def _images(recipe: Recipe, folder: Path, shard: Shard) -> Iterator[tuple[dict[str, Any], Columns]]:
+    """Each image of a shard, and the columns of its targets."""
+    for number in shard.sequences[:1] if recipe.format in SHARDED else shard.sequences:
+        images = _columns(folder / table_path(recipe, shard, number, "images"))
+        truth = _columns(folder / table_path(recipe, shard, number, "truth"))
+        order = np.argsort(truth["image_id"], kind="stable")
+        truth = {name: column[order] for name, column in truth.items()}
+        ends = np.searchsorted(truth["image_id"], images["image_id"], side="right")
+        firsts = np.searchsorted(truth["image_id"], images["image_id"])
+        facts = {ours: images[name].tolist() for ours, name in _FACTS.items()}
+        for first, end, *values in zip(firsts, ends, *facts.values(), strict=True):
+            yield dict(zip(facts, values, strict=True)), {name: column[first:end] for name, column in truth.items()}
+
+
+def _columns(path: Path) -> Columns:
+    table = read_parquet(path)
+    return {name: np.asarray(table[name]) for name in table.colnames}
+
+
+def write_satnet(frames: FrameSet, rows: dict[str, Table], folder: Path) -> None:
+    """Write SatNet annotations of images into their sequence's folder: Annotations/SENSOR_BAND.FRAME.json."""
+    home = folder / "Annotations"
+    home.mkdir(parents=True, exist_ok=True)
+    ids = np.asarray(rows["truth"]["image_id"])
+    for image in rows["images"]:
+        frame, sensor, band = int(image["frame"]), str(image["sensor"]), str(image["band"])
+        labels = rows["truth"][ids == image["image_id"]]
+        record = satnet_record(frames, frame, sensor, band, labels, str(image["file"]))
+        write_json(record, home / f"{sensor}_{band}.{frame:06d}.json")
 
 
 @dataclass(frozen=True)
@@ -56,7 +240,7 @@ def write_shard(task: Task) -> CheckpointRecord:
 
 
 @dataclass(frozen=True)
-class Work:
+class _Work:
     """State that a worker keeps between shards of a run."""
 
     output: OutputFolder
@@ -67,23 +251,17 @@ class Work:
     """Stamps of all files that the recipe names, by path."""
 
     def check_inputs(self) -> None:
-        """Check that no file was changed since.
-
-        Raises:
-            InputError: One was.
-        """
+        """Raise InputError if a file was changed since."""
         for path, stamp in self.inputs.items():
             if stamp_of(path) != stamp:
                 raise InputError("was changed while the data set was written").of(path)
 
 
 @lru_cache(maxsize=1)
-def work_of_run(folder: Path, key: str, device: str, n_thread: int | None) -> Work:
-    """Return the work of a run, from its record in the folder.
+def work_of_run(folder: Path, key: str, device: str, n_thread: int | None) -> _Work:
+    """Return the work of a run, from its record in the folder; OSError if the run is over.
 
-    Raises:
-        InputError: Here it would give other files: versions differ, or input files.
-        OSError: The run is over.
+    InputError: Here it would give other files, as versions differ, or input files.
     """
     record = read_json(folder / PARTS / RUN)
     if not isinstance(record, dict) or record.get("key") != key:
@@ -94,15 +272,15 @@ def work_of_run(folder: Path, key: str, device: str, n_thread: int | None) -> Wo
     if output.key != key:
         differs = difference({name: record.get(name) for name in output.identity}, output.identity)
         raise InputError(f"this worker would write other files than the run was started for ({differs})").of(folder)
-    return Work(output, recipe, Renderer(recipe.scene, device, n_thread), inputs)
+    return _Work(output, recipe, Renderer(recipe.scene, device, n_thread), inputs)
 
 
-def _write_files(work: Work, task: Task, scratch: Path) -> list[dict[str, Any]]:
+def _write_files(work: _Work, task: Task, scratch: Path) -> list[dict[str, Any]]:
     """Write all files of a shard; return the drawn values of each sequence."""
     recipe, shard = work.recipe, task.shard
     drawn = []
     with shard_writer(recipe, shard, scratch) as writer:
-        tables = ShardTables(recipe, shard, scratch, writer.locate)
+        tables = _ShardTables(recipe, shard, scratch, writer.locate)
         for position, number in enumerate(shard.sequences):
             sequence = draw_sequence(recipe, number)
             for frames in _rendered(recipe, sequence, work.renderer.with_scene(sequence.scene)):

@@ -13,14 +13,24 @@ from typing import Any
 
 from warpsim.arguments import whole_number
 from warpsim.dataset.execution import run_tasks
-from warpsim.dataset.layout import ANNOTATIONS, COCO, SEQUENCES, identity_of, shards_of, top_names, writers_of
+from warpsim.dataset.layout import (
+    ANNOTATIONS,
+    COCO,
+    SEQUENCES,
+    check_extremes,
+    identity_of,
+    shards_of,
+    split_of,
+    top_names,
+    writers_of,
+)
 from warpsim.dataset.recipe import Recipe
-from warpsim.dataset.sequences import check_extremes, split_of
-from warpsim.dataset.shard import Task
-from warpsim.dataset.shard_tables import shard_texts
+from warpsim.dataset.shard import Task, shard_texts
+from warpsim.dataset.writers import array_shapes, create_store, store_path
 from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of
 from warpsim.labels.coco import coco_categories, write_coco_parts
+from warpsim.labels.table import write_parquet
 from warpsim.output.manifest import python_version, response_facts
 from warpsim.output.output_folder import CHECKPOINTS, FINISH, PLANNED, CheckpointRecord, OutputFolder
 from warpsim.output.preview import check_preview
@@ -95,11 +105,13 @@ def write_dataset(
     alias = str(default_device(device))
     if executor is not None and n_worker is not None:
         raise InputError("must be left out with an executor, which has workers of its own", "n_worker", n_worker)
-    n_worker = whole_number("n_worker", n_worker, 1) if n_worker is not None else _workers(alias)
+    if n_worker is None:
+        n_worker = 1 if alias.startswith("cuda") else n_usable_cpu()
+    n_worker = whole_number("n_worker", n_worker, 1)
     _check_packages(recipe)
     check_extremes(recipe)
     output = OutputFolder(Path(folder).absolute(), identity_of(recipe, alias))
-    dataset = Dataset(recipe, alias, executor, n_worker, progress)
+    dataset = _Dataset(recipe, alias, executor, n_worker, progress)
     output.write(dataset, overwrite)
     shards = read_json(output.manifest_path)["shards"]
     n_byte = sum(record["bytes"] for record in shards.values())
@@ -109,7 +121,7 @@ def write_dataset(
 
 
 @dataclass
-class Dataset:
+class _Dataset:
     """The work of a data set."""
 
     recipe: Recipe
@@ -167,10 +179,6 @@ def _check_packages(recipe: Recipe) -> None:
             raise InputError("pip install 'warpsim[datasets]'", f"data sets need {package}, which is not installed")
 
 
-def _workers(device: str) -> int:
-    return 1 if device.startswith("cuda") else n_usable_cpu()
-
-
 def finish(recipe: Recipe, output: OutputFolder, records: dict[str, CheckpointRecord]) -> dict[str, Any]:
     """Write what describes all shards; return the manifest."""
     folder = output.path
@@ -192,8 +200,6 @@ def planned_names(recipe: Recipe) -> list[str]:
     """Names of the files that describe all shards, but for the manifest."""
     names = [SEQUENCES, *(f"{ANNOTATIONS}/{split}.json" for split in (recipe.ratios if recipe.coco else ()))]
     if recipe.format == "zarr":
-        from warpsim.dataset.zarr_store import array_shapes, store_path
-
         parts = ("", *(f"{name}/" for name in array_shapes(recipe)))
         names += [f"{store_path(split)}/{part}zarr.json" for split in recipe.ratios for part in parts]
     return names
@@ -206,8 +212,6 @@ def _write_stores(recipe: Recipe, folder: Path, parts: Path) -> list[Path]:
     """
     if recipe.format != "zarr":
         return []
-    from warpsim.dataset.zarr_store import create_store, store_path
-
     paths = []
     for split, numbers in split_of(recipe).items():
         if numbers:
@@ -241,8 +245,6 @@ def _write_annotations(recipe: Recipe, folder: Path, records: dict[str, Checkpoi
 def _write_sequences(recipe: Recipe, folder: Path, records: dict[str, CheckpointRecord]) -> Path:
     """The table of sequences: one column for each sampled field."""
     from astropy.table import Table
-
-    from warpsim.labels.table import write_parquet
 
     rows = sorted((row for record in records.values() for row in record["sequences"]), key=lambda row: row["sequence"])
     columns: dict[str, Any] = {

@@ -1,14 +1,19 @@
-"""CCSDS OEM (orbits) and AEM (attitudes) as segments: 502.0-B-2/3 and 504.0-B-1/2."""
+"""CCSDS OEM (orbits) and AEM (attitudes) as segments: 502.0-B-2/3 and 504.0-B-1/2.
+
+Both notations, keyword = value text and XML, become one `Message`, so that one piece of code gives it a meaning.
+"""
 
 from __future__ import annotations
 
 import re
-from typing import Any
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.exchange.ccsds_message import KeywordValue, MessageSegment, read_message
+from warpsim.errors import InputError
 from warpsim.exchange.instants import FileInstants, check_time_system
 from warpsim.exchange.segments import (
     AttitudeSegment,
@@ -18,39 +23,225 @@ from warpsim.exchange.segments import (
     ccsds_frame,
     known_ccsds_frame,
 )
-from warpsim.exchange.source import SourceFile, check_cells, dates_of, numbers_of, whole_number_of
+from warpsim.exchange.source import (
+    Element,
+    Rows,
+    SourceFile,
+    check_cells,
+    dates_of,
+    numbers_of,
+    read_xml,
+    whole_number_of,
+)
 from warpsim.quaternion import conjugate
 
 F64 = NDArray[np.float64]
 
-_COMMON = {
-    "OBJECT_NAME": True,
-    "OBJECT_ID": True,
-    "TIME_SYSTEM": True,
-    "START_TIME": True,
-    "USEABLE_START_TIME": False,
-    "USEABLE_STOP_TIME": False,
-    "STOP_TIME": True,
-    "INTERPOLATION_DEGREE": False,
-}
+_NEEDED = dict.fromkeys(("OBJECT_NAME", "OBJECT_ID", "TIME_SYSTEM", "START_TIME", "STOP_TIME"), True)
+_COMMON = _NEEDED | dict.fromkeys(("USEABLE_START_TIME", "USEABLE_STOP_TIME", "INTERPOLATION_DEGREE"), False)
 _OEM = {**_COMMON, "CENTER_NAME": True, "REF_FRAME": True, "REF_FRAME_EPOCH": False, "INTERPOLATION": False}
-_AEM = {
-    **_COMMON,
-    "CENTER_NAME": False,
-    "REF_FRAME_A": True,
-    "REF_FRAME_B": True,
-    "ATTITUDE_DIR": False,
-    "ATTITUDE_TYPE": True,
-    "QUATERNION_TYPE": False,
-    "EULER_ROT_SEQ": False,
-    "RATE_FRAME": False,
-    "ANGVEL_FRAME": False,
-    "INTERPOLATION_METHOD": False,
-}
+_AEM = {**_COMMON, "REF_FRAME_A": True, "REF_FRAME_B": True, "ATTITUDE_TYPE": True, "INTERPOLATION_METHOD": False}
+_AEM |= dict.fromkeys(("CENTER_NAME", "ATTITUDE_DIR", "QUATERNION_TYPE", "EULER_ROT_SEQ"), False)
+_AEM |= dict.fromkeys(("RATE_FRAME", "ANGVEL_FRAME"), False)
+"""Keywords of the metadata, and whether each must be there."""
+
 _METHODS: dict[str, Interpolation] = {"LINEAR": "linear", "LAGRANGE": "lagrange", "HERMITE": "hermite"}
 _N_QUATERNION_CELLS = {"QUATERNION": 5, "QUATERNION/DERIVATIVE": 9, "QUATERNION/RATE": 8, "QUATERNION/ANGVEL": 8}
 _SPAN_SLACK_S = 1.0
 """How far the data may miss START_TIME and STOP_TIME, which some programs round."""
+
+_ASSIGNMENT = re.compile(r"([A-Za-z_0-9]+)\s*=\s*(.*)")
+_VERSION = re.compile(r"CCSDS_([A-Z]+)_VERS")
+_HEADER = ("CLASSIFICATION", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
+_OEM_COLUMNS = ("EPOCH", "X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT", "X_DDOT", "Y_DDOT", "Z_DDOT")
+
+Lines = Iterator[tuple[int, str]]
+"""Line numbers and lines, comments left out."""
+
+
+class _KeywordValue(NamedTuple):
+    """A value with its line number."""
+
+    text: str
+    line: int
+
+
+@dataclass
+class _MessageSegment:
+    """Metadata by keyword, and rows."""
+
+    line: int
+    meta: dict[str, _KeywordValue] = field(default_factory=dict)
+    rows: Rows = field(default_factory=lambda: Rows([], []))
+
+
+class _Message(NamedTuple):
+    """A whole message."""
+
+    version: float
+    segments: list[_MessageSegment]
+
+
+def is_ccsds(source: SourceFile) -> bool:
+    """Return whether a file looks like a CCSDS message, in either notation."""
+    head = source.data[:4096].lstrip(b"\xef\xbb\xbf \t\r\n")
+    return source.is_xml or re.match(rb"(COMMENT[^\n]*\n\s*)*CCSDS_[A-Z]+_VERS", head) is not None
+
+
+def read_message(source: SourceFile, kind: str, known: Mapping[str, bool]) -> _Message:
+    """Read the metadata and rows of an "OEM" or "AEM"; `known` are keywords, and whether each must be there."""
+    message = (_read_xml if source.is_xml else _read_kvn)(source, kind)
+    if not message.segments:
+        raise source.error(0, f"ends early: an {kind} must have a segment")
+    for segment in message.segments:
+        for keyword, value in segment.meta.items():
+            if keyword not in known:
+                raise source.error(value.line, "is not a known keyword of the metadata", keyword)
+            if not value.text:
+                raise source.error(value.line, "must have a value", keyword)
+        missing = [keyword for keyword, needed in known.items() if needed and keyword not in segment.meta]
+        if missing:
+            raise source.error(segment.line, f"must have {', '.join(missing)}", "metadata")
+        if not segment.rows.cells:
+            raise source.error(segment.line, "must hold data, got none", "segment")
+    return message
+
+
+def _checked_version(source: SourceFile, line: int, found: str, version: str, kind: str) -> float:
+    if found != kind:
+        raise source.error(line, f"must be an {kind}, got an {found}")
+    if not re.fullmatch(r"[0-9]\.[0-9]+", version.strip(), re.ASCII) or not 1.0 <= float(version) < 4.0:
+        raise source.error(line, "must be 1.0 to 3.0", f"CCSDS_{kind}_VERS", version.strip()[:20])
+    return float(version)
+
+
+def _read_kvn(source: SourceFile, kind: str) -> _Message:
+    """Read the keyword = value notation: a header, and segments of metadata, rows and covariances."""
+    lines = iter([(number, line) for number, line in source.lines() if not re.match(r"COMMENT(\s|$)", line)])
+    number, line = next(lines, (0, ""))
+    if not line:
+        raise source.error(0, "must hold a message, got comments only")
+    match = _ASSIGNMENT.fullmatch(line)
+    begin = _VERSION.fullmatch(match[1]) if match else None
+    if match is None or begin is None:
+        raise source.error(number, f"must begin with CCSDS_{kind}_VERS = ...", value=line[:40])
+    message = _Message(_checked_version(source, number, begin[1], match[2], kind), [])
+    open_rows = False  # whether rows of an OEM may follow
+    for number, line in lines:
+        if line == "META_START":
+            segment = _MessageSegment(number)
+            message.segments.append(segment)
+            _read_metadata(source, segment, lines)
+            open_rows = kind == "OEM"
+            if kind == "AEM":
+                _read_attitude_rows(source, segment, lines)
+        elif not message.segments:
+            match = _ASSIGNMENT.fullmatch(line)
+            if match is None or match[1] not in _HEADER:
+                raise source.error(number, "must be a keyword of the header or META_START", value=line[:40])
+        elif line == "COVARIANCE_START" and kind == "OEM":
+            for inner_number, inner in _until(source, "COVARIANCE_STOP", number, lines):
+                if inner == "META_START":
+                    raise source.error(inner_number, "must come after COVARIANCE_STOP, got META_START")
+            open_rows = False
+        elif open_rows:
+            _add_row(source, message.segments[-1], number, line)
+        else:
+            raise source.error(number, "must be META_START", value=line[:40])
+    return message
+
+
+def _until(source: SourceFile, stop: str, opened: int, lines: Lines) -> Lines:
+    """Lines before the one that closes a block."""
+    for number, line in lines:
+        if line == stop:
+            return
+        yield number, line
+    raise source.error(opened, f"ends early: {stop} must close what begins here")
+
+
+def _read_metadata(source: SourceFile, segment: _MessageSegment, lines: Lines) -> None:
+    for number, line in _until(source, "META_STOP", segment.line, lines):
+        match = _ASSIGNMENT.fullmatch(line)
+        if match is None:
+            raise source.error(number, "must be KEYWORD = value or META_STOP", value=line[:40])
+        if match[1] in segment.meta:
+            raise source.error(number, "must stand once in the metadata, got it a second time", match[1])
+        segment.meta[match[1]] = _KeywordValue(match[2].strip(), number)
+
+
+def _read_attitude_rows(source: SourceFile, segment: _MessageSegment, lines: Lines) -> None:
+    opened, line = next(lines, (0, ""))
+    if opened and line != "DATA_START":
+        raise source.error(opened, "must be DATA_START", value=line[:40])
+    if opened:
+        for number, row in _until(source, "DATA_STOP", opened, lines):
+            _add_row(source, segment, number, row)
+
+
+def _add_row(source: SourceFile, segment: _MessageSegment, number: int, line: str) -> None:
+    if not line[0].isdigit() or "=" in line:
+        raise source.error(number, "must be a date and numbers", value=line[:40])
+    segment.rows.add(number, line.split())
+
+
+def _read_xml(source: SourceFile, kind: str) -> _Message:
+    """Read NDM/XML: one message, or several of a kind in an <ndm>."""
+    try:
+        root = read_xml(source.data.lstrip())
+    except InputError as error:
+        raise error.of(source.file) from None
+    tops = [child for child in root.children if child.tag in ("oem", "aem")] if root.tag == "ndm" else [root]
+    if not tops or tops[0].tag not in ("oem", "aem"):
+        raise _xml_error(source, root.line, f"must be an {kind}, got <{root.tag}>")
+    versions = [
+        _checked_version(source, top.line, top.tag.upper(), top.attributes.get("version", ""), kind) for top in tops
+    ]
+    segments = [segment for top in tops for body in top.find("body") for segment in body.find("segment")]
+    return _Message(versions[0], [_xml_segment(source, kind, segment) for segment in segments])
+
+
+def _xml_error(source: SourceFile, line: int, rule: str) -> InputError:
+    return source.located(InputError(rule).of("XML"), line)
+
+
+def _xml_segment(source: SourceFile, kind: str, element: Element) -> _MessageSegment:
+    segment = _MessageSegment(element.line)
+    for item in (item for metadata in element.find("metadata") for item in metadata.children):
+        if item.tag == "COMMENT":
+            continue
+        if item.tag in segment.meta:
+            raise source.error(item.line, "must stand once in the metadata", item.tag)
+        segment.meta[item.tag] = _KeywordValue(item.text.strip(), item.line)
+    for item in (item for data in element.find("data") for item in data.children):
+        if item.tag in ("COMMENT", "covarianceMatrix"):
+            continue
+        if kind == "OEM":
+            if item.tag != "stateVector":
+                raise _xml_error(source, item.line, f"must be a <stateVector>, got <{item.tag}>")
+            cells = _xml_row(source, item, _OEM_COLUMNS, 7, ("km", "km/s", "km/s**2"))
+        else:
+            if item.tag != "attitudeState" or "Q1" not in [leaf.tag for leaf in item.leaves()]:
+                rule = "must be an <attitudeState> with a quaternion Q1, Q2, Q3, QC"
+                raise _xml_error(source, item.line, rule)
+            cells = _xml_row(source, item, ("EPOCH", "Q1", "Q2", "Q3", "QC"), 5, ())
+        segment.rows.add(item.line, cells)
+    return segment
+
+
+def _xml_row(
+    source: SourceFile, item: Element, columns: tuple[str, ...], n_least: int, units: tuple[str, ...]
+) -> list[str]:
+    """Texts of the columns, in order, as far as they are there."""
+    found = {leaf.tag: leaf for leaf in item.leaves()}
+    for column in columns[:n_least]:
+        if column not in found:
+            raise _xml_error(source, item.line, f"must have <{column}>")
+    for leaf in found.values():
+        unit = leaf.attributes.get("units")
+        if leaf.tag in columns and unit is not None and unit.lower() not in units:
+            raise source.error(leaf.line, f"must be in {' or '.join(units)}", leaf.tag, unit)
+    return [found[column].text.strip() for column in columns if column in found]
 
 
 def read_oem(source: SourceFile) -> list[EphemerisSegment]:
@@ -64,7 +255,7 @@ def read_aem(source: SourceFile) -> list[AttitudeSegment]:
     return [_attitude(source, segment, message.version) for segment in message.segments]
 
 
-def _ephemeris(source: SourceFile, segment: MessageSegment) -> EphemerisSegment:
+def _ephemeris(source: SourceFile, segment: _MessageSegment) -> EphemerisSegment:
     meta, rows = segment.meta, segment.rows
     _check_center(source, meta["CENTER_NAME"])
     with source.at(meta["REF_FRAME"].line, "REF_FRAME"):
@@ -78,7 +269,7 @@ def _ephemeris(source: SourceFile, segment: MessageSegment) -> EphemerisSegment:
     return EphemerisSegment(frame=frame, position_m=values[:, :3], velocity_m_s=values[:, 3:6], **common)
 
 
-def _attitude(source: SourceFile, segment: MessageSegment, version: float) -> AttitudeSegment:
+def _attitude(source: SourceFile, segment: _MessageSegment, version: float) -> AttitudeSegment:
     meta = segment.meta
     if "CENTER_NAME" in meta:
         _check_center(source, meta["CENTER_NAME"])
@@ -93,17 +284,17 @@ def _attitude(source: SourceFile, segment: MessageSegment, version: float) -> At
         known = ", ".join((*_N_QUATERNION_CELLS, "EULER_ANGLE"))
         raise source.error(meta["ATTITUDE_TYPE"].line, f"must be one of {known}", "ATTITUDE_TYPE", kind)
     # A quaternion of A to B turns components in B into those in A (it is the turn that carries A's axes to B's).
-    if a_is_body != _goes_backwards(source, meta, segment, version):
+    if a_is_body != _goes_backwards(source, segment, version):
         quaternion = conjugate(quaternion)
     return AttitudeSegment(frame=frame, body_frame=body_frame, quaternion=quaternion, **common)
 
 
-def _check_center(source: SourceFile, center: KeywordValue) -> None:
+def _check_center(source: SourceFile, center: _KeywordValue) -> None:
     if center.text.upper() != "EARTH":
         raise source.error(center.line, "must be EARTH", "CENTER_NAME", center.text)
 
 
-def _common_fields(source: SourceFile, segment: MessageSegment, method_keyword: str) -> dict[str, Any]:
+def _common_fields(source: SourceFile, segment: _MessageSegment, method_keyword: str) -> dict[str, Any]:
     """Fields that both kinds of segments have; the rows must fill START_TIME to STOP_TIME."""
     meta, rows = segment.meta, segment.rows
     with source.at(meta["TIME_SYSTEM"].line, "TIME_SYSTEM"):
@@ -142,7 +333,7 @@ def _common_fields(source: SourceFile, segment: MessageSegment, method_keyword: 
     }
 
 
-def _attitude_frames(source: SourceFile, meta: dict[str, KeywordValue]) -> tuple[Frame, str, bool]:
+def _attitude_frames(source: SourceFile, meta: dict[str, _KeywordValue]) -> tuple[Frame, str, bool]:
     """Reference frame, the body's name for its own, and whether the body is frame A."""
     a, b = meta["REF_FRAME_A"], meta["REF_FRAME_B"]
     known = ccsds_frame(a.text), ccsds_frame(b.text)
@@ -158,9 +349,9 @@ def _attitude_frames(source: SourceFile, meta: dict[str, KeywordValue]) -> tuple
     return known[1], a.text, True
 
 
-def _goes_backwards(source: SourceFile, meta: dict[str, KeywordValue], segment: MessageSegment, version: float) -> bool:
+def _goes_backwards(source: SourceFile, segment: _MessageSegment, version: float) -> bool:
     """Return whether the data lead from frame B to frame A."""
-    direction = meta.get("ATTITUDE_DIR")
+    direction = segment.meta.get("ATTITUDE_DIR")
     if direction is None:
         if version < 2.0:
             raise source.error(segment.line, "must have ATTITUDE_DIR", "metadata")
@@ -170,7 +361,7 @@ def _goes_backwards(source: SourceFile, meta: dict[str, KeywordValue], segment: 
     return direction.text.upper() == "B2A"
 
 
-def _quaternions(source: SourceFile, segment: MessageSegment, kind: str, version: float) -> F64:
+def _quaternions(source: SourceFile, segment: _MessageSegment, kind: str, version: float) -> F64:
     """Quaternions of the rows, scalar last; rates beside them are checked and left out."""
     rows, order = segment.rows, segment.meta.get("QUATERNION_TYPE")
     n_cell = 5 if source.is_xml else _N_QUATERNION_CELLS[kind]
@@ -187,7 +378,7 @@ def _quaternions(source: SourceFile, segment: MessageSegment, kind: str, version
     return values[:, [1, 2, 3, 0]] if first else values[:, :4]
 
 
-def _from_euler_angles(source: SourceFile, segment: MessageSegment) -> F64:
+def _from_euler_angles(source: SourceFile, segment: _MessageSegment) -> F64:
     """Quaternions of turns about three axes, one after the other, each about the axes as turned so far."""
     from scipy.spatial.transform import Rotation
 

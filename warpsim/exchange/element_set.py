@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -168,7 +167,8 @@ def parse_tle(text: str) -> list[ElementSet]:
     A name may begin with "0 ". Blank lines and lines that begin with "#" are skipped.
     """
     sets = []
-    lines = _numbered_lines(text)
+    numbered = ((number, line.rstrip()) for number, line in enumerate(text.split("\n"), 1))
+    lines = ((number, line) for number, line in numbered if line and not line.startswith("#"))
     name = ""
     for number, line in lines:
         if not _is_line(line):
@@ -187,13 +187,6 @@ def parse_tle(text: str) -> list[ElementSet]:
     if name:
         raise InputError("ends with a name without lines", value=name)
     return sets
-
-
-def _numbered_lines(text: str) -> Iterator[tuple[int, str]]:
-    for number, line in enumerate(text.split("\n"), 1):
-        line = line.rstrip()
-        if line and not line.startswith("#"):
-            yield number, line
 
 
 def _is_line(line: str) -> bool:

@@ -30,7 +30,7 @@ from warpsim.exchange.element_set import (
     tidy_name,
 )
 from warpsim.exchange.instants import mjd_and_second
-from warpsim.exchange.xml_elements import read_xml
+from warpsim.exchange.source import read_xml
 
 Message = tuple[dict[str, str], str]
 """Keyword to text, and the line or record of the message."""
@@ -77,11 +77,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def read_element_sets(path: str | os.PathLike[str]) -> list[ElementSet]:
-    """Read all element sets of a file, in its order. The content decides on the format, not the file's name.
-
-    Raises:
-        InputError: The file cannot be read, or is not valid: file, line or record, object, rule and value.
-    """
+    """Read all element sets of a file, in its order. The content decides on the format, not the file's name."""
     try:
         return parse_element_sets(Path(path).read_bytes().decode("utf-8-sig"))
     except OSError as error:

@@ -1,4 +1,4 @@
-"""A text file on the way in: its bytes, its lines with their numbers, and errors that name file and line."""
+"""A text file on the way in: its bytes, its lines with their numbers, XML, and errors that name file and line."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import contextlib
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
+from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ from warpsim.exchange.instants import FileInstants, parse_dates
 F64 = NDArray[np.float64]
 
 _END_OF_BLOCK = re.compile(r"(?i:END\s+(Ephemeris|Attitude))|DATA_STOP|COVARIANCE_STOP")
+
+_DEEPEST = 50
 
 
 @dataclass(frozen=True)
@@ -152,3 +155,57 @@ def check_cells(source: SourceFile, rows: Rows, counts: tuple[int, ...], what: s
     for row, line in zip(rows.cells, rows.lines, strict=True):
         if len(row) != count:
             raise source.error(line, f"must have {count} values ({what}) as the line before", value=len(row))
+
+
+@dataclass
+class Element:
+    """An element, with the line it begins on; names are without their namespace."""
+
+    tag: str
+    line: int
+    attributes: dict[str, str]
+    text: str = ""
+    children: list[Element] = field(default_factory=list)
+
+    def find(self, tag: str) -> list[Element]:
+        """Children of that name."""
+        return [child for child in self.children if child.tag == tag]
+
+    def leaves(self) -> list[Element]:
+        """Elements without children, in order."""
+        if not self.children:
+            return [self]
+        return [leaf for child in self.children for leaf in child.leaves()]
+
+
+def read_xml(data: bytes | str) -> Element:
+    """The root element of a document; errors of what is not valid, or not plain, know the line."""
+    parser = expat.ParserCreate()
+    open_elements = [Element("", 1, {})]
+
+    def fail(line: int, rule: str) -> NoReturn:
+        raise InputError(rule).of("XML").of(f"line {line}")
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        if len(open_elements) > _DEEPEST:
+            fail(parser.CurrentLineNumber, "must not be nested so deeply")
+        element = Element(tag.rpartition(":")[2], parser.CurrentLineNumber, attributes)
+        open_elements[-1].children.append(element)
+        open_elements.append(element)
+
+    def characters(text: str) -> None:
+        open_elements[-1].text += text
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: open_elements.pop()
+    parser.CharacterDataHandler = characters
+    parser.StartDoctypeDeclHandler = lambda *_: fail(parser.CurrentLineNumber, "must have no document type of its own")
+    try:
+        parser.Parse(data, True)
+    except InputError:  # of a handler
+        raise
+    except expat.ExpatError as error:
+        fail(error.lineno, f"{expat.errors.messages[error.code]} (the file may be cut off)")
+    except (LookupError, ValueError) as error:  # an unknown encoding
+        fail(1, str(error))
+    return open_elements[0].children[0]

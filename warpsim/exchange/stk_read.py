@@ -144,7 +144,7 @@ def _read_block(source: SourceFile, name: str, keywords: tuple[str, ...], data: 
         elif words[0].lower().startswith("covariancetime"):
             inside = "covariance"
             closed = False
-        elif block.data and _looks_like_number(words[0]):
+        elif block.data and words[0][0] in "+-.0123456789":
             block.rows.add(number, words)
         else:
             _read_keyword(source, block, known, data, number, line)
@@ -192,10 +192,6 @@ def _read_keyword(
 
 def _words(line: str) -> list[str]:
     return line.lower().split()
-
-
-def _looks_like_number(word: str) -> bool:
-    return word[0] in "+-.0123456789"
 
 
 def _frame_and_epoch(source: SourceFile, block: _Block, name: str, epoch_name: str) -> tuple[Frame, FileInstants]:

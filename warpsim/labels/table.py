@@ -1,18 +1,20 @@
-"""The label table: the truth of rendered images with what networks are trained on beside it."""
+"""The label table: the truth of rendered images with what networks are trained on; tables as Parquet files."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import importlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from warpsim.arguments import above_zero
-from warpsim.labels.boxes import target_boxes
-from warpsim.labels.column_meanings import DESCRIPTIONS
-from warpsim.labels.parquet import read_parquet as read_parquet
-from warpsim.labels.parquet import write_parquet as write_parquet
-from warpsim.labels.rle import masks_to_rle
+from warpsim.errors import InputError
+from warpsim.files import plain_number, whole_file
+from warpsim.labels.boxes import masks_to_rle, target_boxes
 from warpsim.render.frameset import FrameSet
 
 if TYPE_CHECKING:
@@ -23,6 +25,156 @@ BOX_COLUMNS = ("box_x_px", "box_y_px", "box_w_px", "box_h_px")
 
 LEAST_NEI = "LEAST_NEI"
 """Key of a label table's meta."""
+
+META_KEY = b"warpsim"
+"""Key of the file's metadata that holds the table's meta, as JSON."""
+
+DESCRIPTIONS = {
+    "frame": "frame number",
+    "time_s": "time of the frame after the epoch",
+    "sensor": "name of the sensor",
+    "band": "name of the band",
+    "target": "name of the target",
+    "class": "class of the target: as its entry in the scene says, or the entry's name",
+    "access": "the sensor may observe the target: all of its access rules hold",
+    "in_fov": "the position in the middle of the exposure lies on the array",
+    "occulted": "the Earth lies between sensor and target",
+    "not_deployed": "still with the main target of its group, without light of its own",
+    "absent": "before or after it exists; nothing else is known of it",
+    "x_px": "column of the middle of the exposure; pixel centres on whole numbers from 0",
+    "y_px": "row of the middle of the exposure; pixel centres on whole numbers from 0",
+    "dx_px": "columns from the start of the exposure to its end",
+    "dy_px": "rows from the start of the exposure to its end",
+    "row_time_s": "mid-exposure of the target's row after the frame's time",
+    "range_km": "distance from the sensor to where the light left",
+    "aspect_deg": "angle between the body axis and the direction to the sensor",
+    "projected_area_m2": "projected area, mean over the exposure",
+    "temperature_k": "temperature when the light left",
+    "sunlit_fraction": "part of the Sun's disc that the target sees; NaN where sunlight is left out",
+    "irradiance_w_cm2": "in-band irradiance at the pupil; 0 when occulted, not deployed or absent",
+    "emitted_w_cm2": "part of the irradiance that the target emits",
+    "sun_w_cm2": "part of the irradiance that is reflected sunlight",
+    "earth_w_cm2": "part of the irradiance that is reflected Earth infrared",
+    "albedo_w_cm2": "part of the irradiance that is reflected Earth albedo",
+    "snr": "irradiance over NEI: all the light in one pixel",
+    "snr_peak": "light in the target's own pixel over NEI",
+    "left_out_w_cm2": "light beyond the target's stamp, which the image lacks",
+    "background_w_cm2": "what the background adds to the target's pixel; NaN far outside the frame",
+    "noise_nei": "standard deviation of the noise of a pixel with the background",
+    "earth_behind": "the line of sight meets the Earth behind the target",
+    "visible": "gives light, and is on the array at some time of the exposure",
+    "keypoint_visibility": "2: its own pixel gets least_nei NEI of its light; 1: visible, but less or off the array",
+    "box_x_px": "left edge of the box; pixel edges on whole numbers from 0",
+    "box_y_px": "upper edge of the box; pixel edges on whole numbers from 0",
+    "box_w_px": "width of the box",
+    "box_h_px": "height of the box",
+    "mask_rle": "pixels with least_nei NEI of its light or more, COCO's compressed run lengths; empty if none",
+    "catalog_row": "row of the star in the catalog",
+    "id": "name of the star in the catalog",
+}
+"""By name of the column."""
+
+
+def write_parquet(table: Table, path: str | Path, meta: Mapping[str, Any] | None = None) -> None:
+    """Write a table, whole or not at all; the same table gives the same bytes.
+
+    Texts are coded by a dictionary, but for those of columns of Python objects. Each column carries its unit and what
+    it means in the metadata of its field (keys `unit` and `description`); the table's meta is JSON in the file's
+    metadata, key `warpsim`. Masked values are nulls.
+
+    Args:
+        table: Truth, stars, labels, or any table whose columns hold one number or text, or a fixed number of numbers.
+        path: File to write; replaced if it is there.
+        meta: Added to the table's meta; what JSON can hold.
+
+    Raises:
+        InputError: pyarrow is not installed, or a value of meta is nothing for JSON.
+    """
+    arrow, parquet = _pyarrow(path)
+    fields, arrays = [], []
+    for name in table.colnames:
+        array = _array(arrow, table[name])
+        arrays.append(array)
+        fields.append(arrow.field(name, array.type, metadata=_field_meta(table[name])))
+    try:
+        text = json.dumps({**table.meta, **(meta or {})}, sort_keys=True, default=plain_number)
+    except TypeError as error:
+        raise InputError(str(error), "meta").of(path) from None
+    schema = arrow.schema(fields, metadata={META_KEY: text.encode()})
+    with whole_file(Path(path)) as partial:
+        parquet.write_table(arrow.Table.from_arrays(arrays, schema=schema), partial, compression="zstd")
+
+
+def read_parquet(path: str | Path) -> Table:
+    """Read a table that `write_parquet` wrote, with units, descriptions and meta.
+
+    Raises:
+        InputError: pyarrow is not installed, or the file cannot be read.
+    """
+    from astropy.table import MaskedColumn, Table
+
+    arrow, parquet = _pyarrow(path)
+    try:
+        source = parquet.read_table(Path(path))
+    except (OSError, arrow.ArrowException) as error:
+        raise InputError(f"cannot be read: {str(error).splitlines()[0]}").of(path) from None
+    table = Table(meta=json.loads((source.schema.metadata or {}).get(META_KEY, b"{}")))
+    for field, column in zip(source.schema, source.columns, strict=True):
+        values, missing = _values(arrow, column.combine_chunks(), field.type)
+        table[field.name] = MaskedColumn(values, mask=missing) if missing.any() else values
+        meta = field.metadata or {}
+        table[field.name].unit = meta[b"unit"].decode() if b"unit" in meta else None
+        table[field.name].info.description = meta[b"description"].decode() if b"description" in meta else None
+    return table
+
+
+def _pyarrow(path: str | Path) -> tuple[Any, Any]:
+    try:
+        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+    except ImportError:
+        text = f"{path}: needs pyarrow, which the extra `parquet` brings: pip install 'warpsim[parquet]'"
+        raise InputError(text) from None
+
+
+def _array(arrow: Any, column: Any) -> Any:
+    """A column as pyarrow has it."""
+    missing = np.ma.getmaskarray(column) if hasattr(column, "mask") else None
+    values = np.asarray(column)
+    if values.dtype.kind == "O":
+        return arrow.array(values.tolist(), arrow.string(), mask=missing)
+    if values.dtype.kind in "US":
+        return arrow.array(values.astype(np.str_), arrow.string(), mask=missing).dictionary_encode()
+    if values.dtype.byteorder == ">":  # tables that were read from FITS
+        values = values.astype(values.dtype.newbyteorder("="))
+    if values.ndim == 1:
+        return arrow.array(values, mask=missing)
+    flat = arrow.array(values.reshape(-1))
+    return arrow.FixedSizeListArray.from_arrays(flat, int(np.prod(values.shape[1:])))
+
+
+def _values(arrow: Any, array: Any, kind: Any) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Values of a column, of any kind where they are missing, and where they are."""
+    missing = np.asarray(array.is_null())
+    if arrow.types.is_fixed_size_list(kind):
+        return np.asarray(array.flatten()).reshape(len(array), kind.list_size), missing
+    if arrow.types.is_dictionary(kind):
+        names = np.array([*array.dictionary.to_pylist(), ""], dtype=np.str_)  # the last one where it is missing
+        return names[np.asarray(array.indices.fill_null(len(names) - 1))], missing
+    if arrow.types.is_string(kind):
+        return np.array(array.to_pylist(), dtype=object), missing
+    if missing.any():
+        array = array.fill_null(False if arrow.types.is_boolean(kind) else 0)
+    return np.asarray(array), missing
+
+
+def _field_meta(column: Any) -> dict[str, str]:
+    meta = {}
+    if column.unit is not None:
+        meta["unit"] = str(column.unit)
+    description = column.info.description or DESCRIPTIONS.get(column.info.name)
+    if description:
+        meta["description"] = str(description)
+    return meta
 
 
 def label_table(frames: FrameSet, least_nei: float = 1.0, with_masks: bool = False) -> Table:
@@ -74,14 +226,10 @@ def keypoint_visibility(table: Table, least_nei: float) -> npt.NDArray[np.uint8]
 
 
 def target_masks(frames: FrameSet, requested: npt.NDArray[np.bool_], least_nei: float) -> npt.NDArray[np.object_]:
-    """Return codes of the targets' masks, '' where a target is not requested or reaches no pixel.
+    """Return codes of the masks of the requested targets (view, band, target), '' where one reaches no pixel.
 
-    They are Python texts: in NumPy's every row would be as long as the longest.
-
-    Args:
-        frames: Rendered frames.
-        requested: Targets to draw, shape (view, band, target).
-        least_nei: Light of the target in a pixel of its mask, over the NEI.
+    A pixel belongs to a mask with least_nei NEI of the target's light. Codes are Python texts: in NumPy's every row
+    would be as long as the longest.
     """
     light = frames.target_light
     codes = np.full(requested.shape, "", dtype=object)

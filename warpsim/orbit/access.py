@@ -20,8 +20,16 @@ from warpsim.orbit.access_constraints import (
     active_constraints,
     earth_margin_km,
 )
-from warpsim.orbit.intervals import Intervals, PairFunction, PointFunction, find_intervals
-from warpsim.orbit.scan import Scan, break_times_s, pass_times_s, scan_times_s
+from warpsim.orbit.intervals import (
+    Intervals,
+    PairFunction,
+    PointFunction,
+    Scan,
+    break_times_s,
+    find_intervals,
+    pass_times_s,
+    scan_times_s,
+)
 from warpsim.orbit.track import PositionFunction, Track, TrackStack
 
 F64 = NDArray[np.float64]

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, SUN_RADIUS_M
-from warpsim.orbit.intervals import Intervals, find_intervals
-from warpsim.orbit.scan import Scan, scan_times_s
+from warpsim.orbit.intervals import Intervals, Scan, find_intervals, scan_times_s
 from warpsim.orbit.track import PositionFunction
 
 F64 = NDArray[np.float64]

@@ -27,10 +27,9 @@ from warpsim.exchange.instants import FileInstants, instants_of_time, later
 from warpsim.exchange.read_files import ephemeris_of
 from warpsim.exchange.segments import DEFAULT_DEGREE, EphemerisSegment, Frame, Interpolation, plain_name
 from warpsim.exchange.source import SourceFile, read_source
-from warpsim.orbit.earth import pole_of_date
-from warpsim.orbit.frames import states_to_gcrs
+from warpsim.orbit.earth import pole_of_date, states_to_gcrs
 from warpsim.orbit.gravity import propagate
-from warpsim.orbit.interpolate import interpolate, sampling_error
+from warpsim.orbit.track import interpolate, sampling_error
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch

@@ -3,18 +3,25 @@
 Forces are the Earth's central term and its zonal harmonics about one fixed pole, the pole of date at the scene's epoch
 (its motion, 20 arcsec a year, is left out, and so are tesseral harmonics, drag, Sun and Moon): J2 for "j2", J2 to J4
 for "j4". J3 and J4 move a satellite by 0.2 to 2 km in a day, most along its orbit.
+
+r'' = a(r) is integrated by Chebyshev-Picard iteration, whole spans of many paths at a time: over a segment, a guess of
+the path at Chebyshev nodes is put into the force and integrated twice, as polynomials, until it stays the same (C. W.
+Clenshaw and H. J. Norton, Computer Journal 6, 1963; X. Bai and J. L. Junkins, J. Astronaut. Sci. 58, 2011). Nodes and
+paths are one array, so that NumPy does few, long operations, and the polynomials give the path at any time in between.
+A segment is right when its last Chebyshev coefficients vanish in rounding; where they do not, it is halved.
 """
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+import functools
+from collections.abc import Callable
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2, EARTH_J2, EARTH_J3, EARTH_J4
 from warpsim.errors import InputError
-from warpsim.orbit.picard import NoPathError, integrate
 from warpsim.orbit.two_body import propagate_two_body
 
 F64 = NDArray[np.float64]
@@ -26,6 +33,151 @@ _ZONAL = {"two_body": (), "j2": (EARTH_J2,), "j4": (EARTH_J2, EARTH_J3, EARTH_J4
 _LOWEST_RADIUS_M = 0.5 * EARTH_EQUATORIAL_RADIUS_M
 
 _PATHS_PER_CHUNK = 256  # integrated side by side: their nodes stay in the processor's cache
+
+AccelerationFunction = Callable[[F64], F64]
+"""position_m (..., 3, n) -> acceleration_m_s2 of the same shape: components stand before paths."""
+
+DEGREE = 20
+"""Of the polynomials: one more than this many nodes per segment."""
+
+_FIRST_ANGLE = 1.5  # rad of the fastest path's motion about the centre: 20 coefficients fall to 1e-16 well before
+_GROWTH, _GENEROUS = 1.3, 1e-3  # a segment with such a tail is followed by one this much longer
+_TAIL = 1e-15  # of the distance from the centre: what the last coefficients may amount to
+_STILL = 4e-16  # of the distance: iterations end when nothing moves by more
+_N_ITERATION = 40
+_SHORTEST_S = 1e-3
+
+
+class NoPathError(Exception):
+    """A path comes too close to the centre at about `time_s`."""
+
+    def __init__(self, time_s: float) -> None:
+        super().__init__(f"no path from {time_s:g} s on")
+        self.time_s = time_s
+
+
+@functools.cache
+def _matrices() -> tuple[F64, F64, F64]:
+    """Chebyshev nodes in [-1, 1] ascending; values at nodes -> coefficients; values -> integral from -1, at nodes."""
+    k = np.arange(DEGREE + 1)
+    node = -np.cos(np.pi * k / DEGREE)
+    values = np.cos(np.outer(np.pi - np.pi * k / DEGREE, k))  # T_k at the nodes
+    weight = np.where((k == 0) | (k == DEGREE), 0.5, 1.0)
+    to_coefficients = (2.0 / DEGREE) * weight[:, None] * values.T * weight[None, :]
+    # The integral of T_k is T_{k+1} / (2k + 2) - T_{k-1} / (2k - 2), that of T_1 is T_2 / 4.
+    integral = np.zeros((DEGREE + 2, DEGREE + 1))
+    integral[1, 0] = 1.0
+    integral[2, 1] = 0.25
+    for degree in range(2, DEGREE + 1):
+        integral[degree + 1, degree] = 0.5 / (degree + 1)
+        integral[degree - 1, degree] = -0.5 / (degree - 1)
+    higher = np.cos(np.outer(np.pi - np.pi * k / DEGREE, np.arange(DEGREE + 2)))
+    from_start = higher - higher[0]
+    return node, to_coefficients, from_start @ integral @ to_coefficients
+
+
+def integrate(
+    acceleration: AccelerationFunction,
+    position_m: F64,
+    velocity_m_s: F64,
+    time_s: F64,
+    rate_rad_s: float,
+    lowest_m: float,
+) -> tuple[F64, F64]:
+    """Integrate paths (3, n) [m], [m/s] from time 0 to each of the times (m,) of one sign, ascending; each (m, 3, n).
+
+    At any time the result is the same whatever others are asked for, but for rounding.
+
+    Args:
+        acceleration: The force per mass.
+        position_m: At time 0.
+        velocity_m_s: At time 0.
+        time_s: Times [s].
+        rate_rad_s: Fastest angular rate at time 0, for the length of the first segment.
+        lowest_m: Paths must stay this far from the centre, or NoPathError is raised.
+    """
+    positions, velocities = np.empty((len(time_s), *position_m.shape)), np.empty((len(time_s), *position_m.shape))
+    end_s = float(time_s[-1])
+    step_s = float(np.copysign(_FIRST_ANGLE / rate_rad_s, end_s))
+    start_s, row = 0.0, int(np.searchsorted(np.abs(time_s), 0.0, side="right"))
+    positions[:row], velocities[:row] = position_m, velocity_m_s
+    while row < len(time_s):
+        stop_s = end_s if abs(step_s) >= abs(end_s - start_s) else start_s + step_s
+        span_s = stop_s - start_s
+        segment = _segment(acceleration, position_m, velocity_m_s, span_s)
+        if segment is None:
+            step_s = 0.5 * span_s
+            if not abs(step_s) >= _SHORTEST_S:  # NaN is too short too
+                raise NoPathError(start_s)
+            continue
+        low = ~(np.linalg.norm(segment.position_m, axis=1).min(axis=1) >= lowest_m)  # NaN is low too
+        if low.any():
+            raise NoPathError(start_s + span_s * float(np.argmax(low)) / DEGREE)
+        # A time at the segment's end is its own: where the sum above rounds to the last time, nothing is left over.
+        stop = int(np.searchsorted(np.abs(time_s), abs(stop_s), side="right"))
+        if stop > row:
+            at = np.clip(2.0 * (time_s[row:stop] - start_s) / span_s - 1.0, -1.0, 1.0)
+            positions[row:stop], velocities[row:stop] = _values(segment, at)
+        position_m, velocity_m_s = segment.position_m[-1], segment.velocity_m_s[-1]
+        start_s, row = stop_s, stop
+        if segment.tail < _GENEROUS * _TAIL:
+            step_s *= _GROWTH
+    return positions, velocities
+
+
+class _Segment(NamedTuple):
+    """Paths over a span, at its nodes."""
+
+    position_m: F64
+    """Shape (node, 3, n)."""
+    velocity_m_s: F64
+    tail: float
+    """Largest of the last two coefficients over the distance from the centre."""
+
+
+def _segment(acceleration: AccelerationFunction, position_m: F64, velocity_m_s: F64, span_s: float) -> _Segment | None:
+    """Solve over a span; None when the iteration does not settle or the degree is too low."""
+    node, to_coefficients, integral = _matrices()
+    half = 0.5 * span_s
+    n_node, shape = len(node), position_m.shape
+    distance = np.linalg.norm(position_m, axis=0)
+
+    def integrated(values: F64) -> F64:
+        result: F64 = half * (integral @ values.reshape(n_node, -1)).reshape(n_node, *shape)
+        return result
+
+    # First guess: the circle with the acceleration of the start, good for satellites and better than a line for all.
+    t = (half * (node + 1.0))[:, None, None]
+    pull = np.linalg.norm(acceleration(position_m), axis=0)
+    rate = np.sqrt(pull / distance)
+    position = position_m * np.cos(rate * t) + velocity_m_s / rate * np.sin(rate * t)
+    before = np.inf
+    with np.errstate(all="ignore"):  # a guess that runs away is seen below
+        for _ in range(_N_ITERATION):
+            velocity = velocity_m_s + integrated(acceleration(position))
+            better = position_m + integrated(velocity)
+            moved = float(np.max(np.abs(better - position) / distance))
+            position = better
+            if not moved < 1e3:
+                return None
+            if moved <= _STILL or (moved < 1e-13 and moved >= before):  # rounding may keep it from standing still
+                break
+            before = moved
+        else:
+            return None
+        velocity = velocity_m_s + integrated(acceleration(position))
+    tail = (np.abs(to_coefficients[-2:] @ position.reshape(n_node, -1)).reshape(2, *shape) / distance).max()
+    return _Segment(position, velocity, float(tail)) if tail <= _TAIL and np.isfinite(velocity).all() else None
+
+
+def _values(segment: _Segment, at: F64) -> tuple[F64, F64]:
+    """The polynomials through the nodes at arguments in [-1, 1]."""
+    to_coefficients = _matrices()[1]
+    basis = np.cos(np.arccos(at)[:, None] * np.arange(DEGREE + 1)) @ to_coefficients
+    shape = (len(at), *segment.position_m.shape[1:])
+    nodes = segment.position_m, segment.velocity_m_s
+    position, velocity = ((basis @ values.reshape(len(values), -1)).reshape(shape) for values in nodes)
+    return position, velocity
 
 
 def zonal_acceleration_m_s2(position_m: F64, zonal: tuple[float, ...]) -> F64:

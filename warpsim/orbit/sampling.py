@@ -87,16 +87,9 @@ def sample_tracks(
 ) -> list[Track]:
     """Sample the objects of one propagator on a node grid and measure each one's interpolation error.
 
-    The propagator is called with nodes and interval midpoints together, once but for very many of them.
-
-    Args:
-        names: One name per object.
-        state: Propagator.
-        start_s: Time of the first node [s].
-        step_s: Node spacing [s].
-        n_node: Number of nodes, at least 2.
-        counted_s: From when to when each object's track matters, a pair for all or one each [s], (n_object, 2).
-        ends: Numbers of the nodes at which the scene begins and ends, where the acceleration may jump.
+    The propagator is called with nodes and interval midpoints together, once but for very many of them. From when to
+    when each object's track matters is counted_s, a pair for all or one each [s], (n_object, 2); `ends` are the numbers
+    of the nodes at which the scene begins and ends, where the acceleration may jump.
     """
     time_s: F64 = start_s + 0.5 * step_s * np.arange(2 * n_node - 1, dtype=np.float64)
     position_m, velocity_m_s = np.empty((len(time_s), len(names), 3)), np.empty((n_node, len(names), 3))

@@ -30,7 +30,7 @@ from warpsim.exchange.element_set import ElementSet
 from warpsim.exchange.elements_files import parse_element_sets, read_element_sets
 from warpsim.exchange.segments import plain_name
 from warpsim.instant import Instant, tt_jd, utc_time, years_ahead
-from warpsim.orbit.frames import frame_to_gcrs
+from warpsim.orbit.earth import frame_to_gcrs
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
@@ -227,22 +227,17 @@ def _named(sets: Iterable[ElementSet], of_source: Callable[[InputError], InputEr
         key = item.norad_id if item.norad_id is not None else (item.name, item.international_designator)
         grouped.setdefault(key, []).append(item)
     groups = list(grouped.values())
-    plain = [_plain_name(group[0]) for group in groups]
+    first = [group[0] for group in groups]
+    # Names that can be a file's, of the catalog number where there is no other.
+    plain = [plain_name(one.name, "satellite" if one.norad_id is None else f"norad{one.norad_id:05d}") for one in first]
     twice = {name for name, count in Counter(plain).items() if count > 1}
-    names = [
-        f"{name}-{_identifier(group[0])}" if name in twice else name for name, group in zip(plain, groups, strict=True)
-    ]
+    names = [f"{name}-{_identifier(one)}" if name in twice else name for name, one in zip(plain, first, strict=True)]
     for name, count in Counter(names).items():
         if count > 1:
             group = groups[len(names) - 1 - names[::-1].index(name)]
             error = InputError(f"name must be unique, got {name} twice").of(group[0].label).of(group[0].location)
             raise of_source(error)
     return tuple(Satellite(name, tuple(group)) for name, group in zip(names, groups, strict=True))
-
-
-def _plain_name(item: ElementSet) -> str:
-    """A name that can be a file's, of the catalog number where there is no other."""
-    return plain_name(item.name, f"norad{item.norad_id:05d}" if item.norad_id is not None else "satellite")
 
 
 def _identifier(item: ElementSet) -> str:

@@ -94,7 +94,7 @@ def _check_own_maps(scenario: Scenario, sensor: str, bands: Sequence[str]) -> No
     """Raise where the user's maps of a sensor cannot be read."""
     own = scenario.instrument_of(sensor).sensor
     if own.detector.maps_file is not None:
-        read_maps(own.detector.maps_file, [sensor], bands, own.camera.n_row, own.camera.n_col)
+        read_maps(own.detector.maps_file, [sensor], bands, list(own.bands), (own.camera.n_row, own.camera.n_col))
 
 
 def _cards(scenario: Scenario, sensor: str) -> dict[str, Any]:

@@ -11,11 +11,11 @@ import numpy as np
 
 from warpsim.files import check_new_file, prepare_folder
 from warpsim.plot.access_figure import plot_access, plot_range
-from warpsim.plot.bands_figure import plot_bands
 from warpsim.plot.figure import FIGURE_SUFFIXES, checked_time_s, need_matplotlib, save_figure, target_kinds
 from warpsim.plot.group_figure import plot_attitudes, plot_group
 from warpsim.plot.image_figure import VIEW_INCH, plot_satellite_view
 from warpsim.plot.scene_figure import SCENE_INCH, plot_ground_tracks, plot_scene
+from warpsim.plot.sky_figure import plot_bands
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 
@@ -69,10 +69,6 @@ def draw_scenario(
     They are scene.png, ground_tracks.png, group.png (group_NAME.png for each of several groups), attitudes.png,
     bands.png, access.png, and view_SENSOR.png for the named sensors or kinds, or up to three of each kind that have
     access at the instant; those of groups and attitudes where there are targets.
-
-    Raises:
-        InputError: No such sensor, the instant is outside the scene, the folder cannot be written, a file is there
-            already, or matplotlib is not installed.
     """
     from warpsim.render.renderer import Renderer
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.directions import normalised
 from warpsim.errors import InputError
-from warpsim.labels.boxes import CORNER_PX, paths_px
-from warpsim.labels.rle import rle_to_mask
+from warpsim.labels.boxes import CORNER_PX, paths_px, rle_to_mask
 from warpsim.labels.table import BOX_COLUMNS, label_table
 from warpsim.optics.camera import Camera
 from warpsim.output.grey import CEILING_NEI, SOFTENING_NEI
@@ -40,9 +39,9 @@ from warpsim.plot.figure import (
     observed_targets,
     pair,
     plain,
+    stretched,
     target_kinds,
 )
-from warpsim.plot.globe import stretched
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.roster import some_names
 from warpsim.scene.scenario import Scenario

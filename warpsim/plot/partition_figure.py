@@ -135,17 +135,11 @@ def stars_in_window(catalog: StarCatalog, cover: Cover) -> Ints:
 def costs_by_latitude(
     catalog: StarCatalog, view_deg: float = 1.0, n_view: int = 400
 ) -> tuple[Array, dict[str, dict[str, Array]], Array]:
-    """Return the mean cost of square views at each distance from the equator.
+    """Return the mean cost of square views at each distance from the equator: n_view per degree, in both hemispheres.
 
-    Args:
-        catalog: The stars.
-        view_deg: Side of the view [deg]; its half diagonal is the radius of the cone that is looked up.
-        n_view: Views per degree of declination, spread evenly over right ascension, and over both hemispheres.
-
-    Returns:
-        Distances from the equator [deg], shape (90,), the middles of whole degrees; for each partition's name, and
-        "stars" for SORTED, the means "cells" opened and "stars" read, shape (90,); and the mean number of stars that
-        lie in the cone itself.
+    The half diagonal of a view is the radius of the cone that is looked up. Returned are distances from the equator
+    [deg], (90,), the middles of whole degrees; for each partition's name, and "stars" for SORTED, the means "cells"
+    opened and "stars" read, (90,); and the mean number of stars that lie in the cone itself.
     """
     radius_deg = view_deg / np.sqrt(2)
     stars = star_table(catalog)

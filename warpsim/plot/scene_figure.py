@@ -26,16 +26,18 @@ from warpsim.plot.figure import (
     SKY_BLUE,
     VERMILION,
     YELLOW,
+    Globe,
     annotate_points,
     checked_time_s,
     draw_arrow,
+    draw_earth,
+    globe_from,
     legend_below,
     new_axes,
     observed_targets,
     pair,
     plain,
 )
-from warpsim.plot.globe import Globe, draw_earth, globe_from
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 
@@ -52,7 +54,7 @@ _ACCESS_COLOURS = (GREEN, ORANGE, SKY_BLUE, YELLOW)
 
 
 @dataclass(frozen=True)
-class Flight:
+class _Flight:
     """Paths of a group: that of its main target, or those of all its targets where each has its own orbit."""
 
     label: str
@@ -88,7 +90,7 @@ class Flight:
         return np.linspace(*self.span_s, n)
 
 
-def _flights(scenario: Scenario) -> list[Flight]:
+def _flights(scenario: Scenario) -> list[_Flight]:
     """The flights of all groups."""
     found = []
     for number, group in enumerate(scenario.scene.groups):
@@ -100,7 +102,7 @@ def _flights(scenario: Scenario) -> list[Flight]:
         first_s, last_s = scenario.targets[leading[0]].exists_s
         span_s = max(first_s, 0.0), min(last_s, scenario.scene.duration_s)
         label = scenario.target_names[leading[0]] if group.orbits is None else f"{group.name} ({len(leading)})"
-        found.append(Flight(label, leading, span_s, number))
+        found.append(_Flight(label, leading, span_s, number))
     return found
 
 
@@ -170,7 +172,7 @@ def _observers(scenario: Scenario, at: F64) -> dict[str, str]:
     return labels
 
 
-def _side_view(scenario: Scenario, flights: list[Flight]) -> tuple[float, float]:
+def _side_view(scenario: Scenario, flights: list[_Flight]) -> tuple[float, float]:
     """Right ascension and declination [deg] from which the flight is seen from the side, the Sun behind the viewer."""
     sun_m = scenario.position_m("sun", np.zeros(1))[0]
     start, middle, end = sun_m, sun_m, sun_m
@@ -224,7 +226,7 @@ def _draw_lines_of_sight(ax: Axes, globe: Globe, scenario: Scenario, at: F64) ->
         ax.plot(*globe.visible_line(line_m).T, color=GREEN, linewidth=1.0, zorder=3)
 
 
-def _draw_flight(ax: Axes, globe: Globe, scenario: Scenario, flight: Flight, time_s: float) -> None:
+def _draw_flight(ax: Axes, globe: Globe, scenario: Scenario, flight: _Flight, time_s: float) -> None:
     """Path of a group while it exists, and its position; the ends of the first group's."""
     names = [scenario.target_names[target] for target in flight.targets]
     paths_m = [scenario.position_m(name, flight.time_s(N_PATH)) for name in names]

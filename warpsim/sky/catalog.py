@@ -24,7 +24,7 @@ from warpsim.sky.stars import Array, Stars, frozen
 if TYPE_CHECKING:
     from astropy.table import Table
 
-    from warpsim.sky.readers.files import FileNames
+    from warpsim.sky.readers.options import FileNames
     from warpsim.sky.readers.read import StarsOfFile
 
 

@@ -25,7 +25,7 @@ from warpsim.sky.hats_partitions import (
     text_of,
     tiles_in,
 )
-from warpsim.tables.parquet_file import ParquetFile
+from warpsim.tables.by_astropy import ParquetFile
 
 _PROPERTIES = ("hats.properties", "properties", "catalog_info.json")
 _COLLECTION = "collection.properties"

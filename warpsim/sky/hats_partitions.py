@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from warpsim.errors import InputError
-from warpsim.tables.parquet_file import rows_of_files
+from warpsim.tables.by_astropy import rows_of_files
 
 PARTITION_INFO = "partition_info.csv"
 _METADATA = "_metadata"

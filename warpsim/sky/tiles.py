@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.hats import HatsFolder
-from warpsim.sky.readers.files import CatalogFile
-from warpsim.sky.readers.options import ReadOptions
+from warpsim.sky.readers.options import CatalogFile, ReadOptions
 from warpsim.sky.readers.read import StarsOfFile, read_files
 
 STARS_KEPT = 1_000_000

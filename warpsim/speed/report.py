@@ -18,8 +18,7 @@ from warpsim.render.device import default_device
 from warpsim.render.renderer import Renderer
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
-from warpsim.speed.clock import stage_times_us, synchronised_s, work_fps
-from warpsim.speed.work import MOST_VIEWS, PIXELS_PER_CALL, speed_work
+from warpsim.speed.work import MOST_VIEWS, PIXELS_PER_CALL, speed_work, stage_times_us, synchronised_s, work_fps
 from warpsim.version import __version__
 
 PAPER_FPS = {128: 607, 256: 305, 512: 88, 1024: 32}

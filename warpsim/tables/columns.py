@@ -1,9 +1,11 @@
-"""Columns of a table by forgiving names, as numbers in a unit or as text; errors name the line of the file."""
+"""Columns of a table by forgiving names, as numbers in a unit or as text; tables of a file that holds several."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -171,11 +173,7 @@ def is_number(text: str | bytes) -> bool:
 
 
 def number_column(table: Table, key: str, unit: str) -> Array:
-    """Return a numeric column in a unit, NaN where masked.
-
-    Raises:
-        InputError: It holds no numbers, or is in a unit that does not convert.
-    """
+    """Return a numeric column in a unit, NaN where masked; InputError for no numbers or another kind of unit."""
     column: Any = table[key]
     if column.ndim != 1 or column.dtype.kind == "c":
         what = "complex numbers" if column.dtype.kind == "c" else f"shape {column.shape}"
@@ -203,3 +201,59 @@ def _plain_texts(column: Any) -> NDArray[np.str_]:
         texts = np.char.decode(values, "latin-1") if values.dtype.kind == "S" else values.astype(np.str_)
     mask = getattr(column, "mask", None)
     return texts if mask is None else np.where(np.asarray(mask), "", texts)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One of the tables of a file."""
+
+    name: str
+    """Blank where the file gives none."""
+
+    columns: tuple[str, ...]
+    read: Callable[[], ColumnTable]
+
+    def header(self) -> ColumnTable:
+        """Return a table of the columns, without rows."""
+        from astropy.table import Table
+
+        return ColumnTable(Table({name: [] for name in self.columns}))
+
+
+def read_part(
+    parts: Sequence[Part], kind: str, table: str | int | None, wanted: Callable[[ColumnTable], bool] | None
+) -> ColumnTable:
+    """Read one of the tables of a file; of several, say that others are left out.
+
+    It is that of a name or number, counted from 1; else the first that is wanted (by its columns, without rows), or
+    else the first. `kind` is what the file is, for messages: "FITS file".
+    """
+    if table is not None:
+        return parts[_number_of(parts, table)].read()
+    if len(parts) == 1:
+        return parts[0].read()
+    fitting = [number for number, part in enumerate(parts) if wanted is not None and wanted(part.header())]
+    chosen = fitting[0] if fitting else 0
+    name = f", {parts[chosen].name}," if parts[chosen].name else ""
+    others = f"; {len(fitting)} of them would do" if len(fitting) > 1 else ""
+    warnings.warn(
+        f"the {kind} holds {len(parts)} tables, and only number {chosen + 1}{name} is read{others}; "
+        "the argument table, a name or number, takes another",
+        stacklevel=2,
+    )
+    return parts[chosen].read()
+
+
+def _number_of(parts: Sequence[Part], table: str | int) -> int:
+    names = [part.name for part in parts]
+    if isinstance(table, int) and not isinstance(table, bool) and 1 <= table <= len(parts):
+        return table - 1
+    if isinstance(table, str):
+        same = [number for number, name in enumerate(names) if name.casefold() == table.strip().casefold()]
+        if len(same) == 1:
+            return same[0]
+        if not same and table.strip().isdecimal():
+            return _number_of(parts, int(table))
+    known = ", ".join(name for name in names[:20] if name) + (", ..." if len(names) > 20 else "")
+    rule = f"must be a number from 1 to {len(parts)}" + (f", or of {known}" if known else "")
+    raise InputError(rule, "table", table)

@@ -13,11 +13,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from warpsim.errors import InputError
-from warpsim.tables.by_astropy import fits_tables, read_by_name, votable_tables
-from warpsim.tables.columns import ColumnTable
+from warpsim.tables.by_astropy import ParquetFile, fits_tables, read_by_name, votable_tables
+from warpsim.tables.columns import ColumnTable, read_part
 from warpsim.tables.fixed_width import Layout, layout_from_readme, n_description, read_fixed_width, recognised
-from warpsim.tables.parquet_file import ParquetFile
-from warpsim.tables.parts import read_part
 from warpsim.tables.text import decoded, delimited_tables, lines_of, names_columns, read_ecsv, read_ipac
 
 KINDS = {

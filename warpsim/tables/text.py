@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.tables.by_astropy import cds_unit, quietly
-from warpsim.tables.columns import ColumnTable, is_number
-from warpsim.tables.parts import Part
+from warpsim.tables.columns import ColumnTable, Part, is_number
 
 _DELIMITERS = ("\t", ",", ";", "|")
 _BLANKS_AT_TAB = re.compile(r" *\t *")
@@ -117,9 +116,9 @@ def delimited_tables(data: bytes, delimiter: str | None = None, *, equal_names: 
     return parts
 
 
-def read_delimited(data: bytes, delimiter: str | None = None) -> ColumnTable:
+def read_delimited(data: bytes) -> ColumnTable:
     """Read the table of a text that holds one, or the first of several; columns of equal names are an error."""
-    return delimited_tables(data, delimiter, equal_names=False)[0].read()
+    return delimited_tables(data, equal_names=False)[0].read()
 
 
 def _read_delimited(

@@ -130,7 +130,7 @@ class AttitudeTable:
         """
         if self.file is None:
             return self._inline_rows
-        from warpsim.orbit.frames import attitude_in_gcrs
+        from warpsim.orbit.earth import attitude_in_gcrs
 
         segments = self._segments
         try:

@@ -142,7 +142,7 @@ class TemperatureTable:
     @cached_property
     def _content(self) -> Any:
         """Times, temperatures and lines of the file."""
-        from warpsim.exchange.table_read import read_temperature_table
+        from warpsim.exchange.read_files import read_temperature_table
 
         return read_temperature_table(self._source)
 

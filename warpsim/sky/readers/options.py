@@ -1,19 +1,26 @@
-"""What is said of catalog files beside their names: how to read them, and which of their stars."""
+"""Files that make up a catalog (one, a list, a folder, HATS partitions), how to read them, and which of their stars."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from os import PathLike
-from typing import Any
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from warpsim.errors import InputError, errors_at
 from warpsim.sky.catalog_columns import StarColumns, selected
+from warpsim.sky.hats import HatsFolder, hats_name, is_hats
 from warpsim.sky.photometric_bands import check_flux_band, flux_of_magnitude_jy
 from warpsim.sky.region import Cone, checked_region, within_cones
 from warpsim.sky.space_motion import checked_jyear
+
+FileNames = str | PathLike[str] | Sequence[str | PathLike[str]]
+
+SUFFIXES = (".parquet", ".parq", ".fits", ".fit", ".vot", ".xml", ".ecsv", ".csv", ".tsv", ".txt", ".dat", ".tbl")
+"""Of the files of a folder that are read; they may be followed by ".gz"."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +38,7 @@ class ReadOptions:
     """Of the catalog that a file is a part of; its own where left out."""
 
     def checked(self) -> ReadOptions:
-        """Return the options, the epoch as a number and the region as a list of cones.
-
-        Raises:
-            InputError: One is of another type, or out of range.
-        """
+        """Return the options, the epoch as a number and the region as a list of cones; InputError for a bad one."""
         if not isinstance(self.format, str | None):
             raise InputError("must be a name", "format", self.format)
         if not isinstance(self.readme, str | PathLike | None):
@@ -86,3 +89,74 @@ def _checked_limit(limit: Any) -> dict[str, float] | None:
         ):
             raise InputError(rule, "limit", limit)
     return {band: float(magnitude) for band, magnitude in limit.items()}
+
+
+class CatalogFile(NamedTuple):
+    """A file of a catalog, and rows of those that are passed over."""
+
+    path: Path
+    n_row: int | None = None
+    """Rows that it must hold, where that is known."""
+
+    n_before: int = 0
+    """Rows passed over before it."""
+
+    n_behind: int = 0
+    """Rows passed over behind it, if it is the last."""
+
+
+def catalog_files(path: FileNames, region: Sequence[Cone] = ()) -> list[CatalogFile]:
+    """Files that a path stands for, or several; of a HATS folder those that a region touches. InputError for none."""
+    if isinstance(path, list | tuple):
+        if not path:
+            raise InputError("must name at least one file", "path")
+        return [file for one in path for file in catalog_files(one, region)]
+    try:
+        where = fspath(path)  # type: ignore[arg-type]
+    except TypeError:
+        where = None
+    if not isinstance(where, str) or "\0" in where:
+        raise InputError(f"must be a file name, got {type(path).__name__}", "path")
+    folder = Path(where)
+    if not folder.is_dir():
+        return [CatalogFile(folder)]
+    if is_hats(folder):
+        return _files_of_hats(HatsFolder(folder), region)
+    files = sorted(file for file in folder.iterdir() if file.is_file() and _is_table(file))
+    if not files:
+        raise InputError(f"must hold files of stars ({', '.join(SUFFIXES)}), or be a HATS folder").of(where)
+    return [CatalogFile(file) for file in files]
+
+
+def _files_of_hats(hats: HatsFolder, region: Sequence[Cone]) -> list[CatalogFile]:
+    # Where no tile is near, the first one tells the columns of no stars.
+    chosen = set((hats.near(region) or hats.tiles[:1]) if region else hats.tiles)
+    files, n_over = [], 0
+    for tile, n_row in zip(hats.tiles, hats.n_row.tolist(), strict=True):
+        if tile in chosen:
+            files.append(CatalogFile(tile.path, n_row, n_over))
+        n_over = 0 if tile in chosen else n_over + n_row
+    return [*files[:-1], files[-1]._replace(n_behind=n_over)]
+
+
+def folder_name(path: FileNames) -> str | None:
+    """Return the name of the catalog in a folder, of HATS the one that it says; None of anything else."""
+    if isinstance(path, list | tuple):
+        return None
+    folder = Path(fspath(path))  # type: ignore[arg-type]
+    if not folder.is_dir():
+        return None
+    return hats_name(folder) if is_hats(folder) else folder.absolute().name
+
+
+def _is_table(file: Path) -> bool:
+    return not file.name.startswith((".", "_")) and file.name.lower().removesuffix(".gz").endswith(SUFFIXES)
+
+
+def is_parquet(file: Path) -> bool:
+    """Return whether a file begins as Parquet does."""
+    try:
+        with file.open("rb") as stream:
+            return stream.read(4) == b"PAR1"
+    except OSError:
+        return False  # the reader says what is wrong

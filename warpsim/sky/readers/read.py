@@ -11,16 +11,24 @@ from typing import Any, NamedTuple, TypeVar
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import NUMBER_UNITS, StarColumns, checked_columns, joined
 from warpsim.sky.photometric_bands import check_flux_columns, flag_column
-from warpsim.sky.readers import infrared, near_infrared, visible
-from warpsim.sky.readers.files import CatalogFile, FileNames, catalog_files, folder_name, is_parquet
-from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
-from warpsim.sky.readers.options import ReadOptions, chosen
+from warpsim.sky.readers import infrared, visible
+from warpsim.sky.readers.options import (
+    CatalogFile,
+    FileNames,
+    ReadOptions,
+    catalog_files,
+    chosen,
+    folder_name,
+    is_parquet,
+)
 from warpsim.sky.readers.own_table import (
+    LAYOUTS,
     arrays_of_columns,
     check_columns,
     column_named,
     is_own,
     known_name,
+    likely_layout,
     merge_columns,
     own_columns,
     set_sloan_apart,
@@ -28,15 +36,13 @@ from warpsim.sky.readers.own_table import (
 from warpsim.sky.readers.survey import Survey
 from warpsim.sky.region import dec_range_deg
 from warpsim.sky.space_motion import J2000_JYEAR
+from warpsim.tables.by_astropy import ParquetFile
 from warpsim.tables.columns import ColumnTable, plain_name
-from warpsim.tables.parquet_file import ParquetFile
 from warpsim.tables.read_table import check_only_table, read_table
 
 T = TypeVar("T")
 
-SURVEYS: Mapping[str, Survey] = {
-    survey.name: survey for module in (infrared, near_infrared, visible) for survey in module.SURVEYS
-}
+SURVEYS: Mapping[str, Survey] = {survey.name: survey for module in (infrared, visible) for survey in module.SURVEYS}
 """Surveys known, by the name that the argument `format` takes."""
 
 
