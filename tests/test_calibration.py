@@ -141,6 +141,7 @@ def test_files(tmp_path, capsys):
     ("option", "value", "words"),
     [
         ("n_frame", 0, "n_frame: must be"),
+        ("n_frame", 10_001, "n_frame: must be at most 10,000, got 10001"),
         ("flat_level", 0.0, "flat_level: must be above 0, and at most 1"),
         ("flat_level", 2, "flat_level: must be above 0, and at most 1"),
         ("bands", "Q", "bands: "),
@@ -157,7 +158,8 @@ def test_bad_arguments_write_nothing(tmp_path, option, value, words):
     ("arguments", "message"),
     [
         (["--sensors", "nobody"], "sensors: must be sensors of the scene"),
-        (["--frames", "0"], "--frames: must be >= 1, got 0"),
+        (["--frames", "0"], "--frames: must be from 1 to 10,000, got '0'"),
+        (["--frames", "1e12"], "--frames: must be from 1 to 10,000, got '1e12'"),
         (["--frames", "x"], "--frames: must be a whole number, got 'x'"),
         (["--level", "0"], "--level: must be above 0, and at most 1, got '0'"),
         (["--level", "nan"], "--level: must be above 0, and at most 1, got 'nan'"),

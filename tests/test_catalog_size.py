@@ -228,7 +228,7 @@ def test_fields_of_a_sky_are_named_as_they_stand(tmp_path, stars, sky, message):
 def test_a_table_of_a_sky_is_a_number_or_a_name():
     assert ws.Sky(catalog="x.fits", table=np.int64(2)).table == 2
     assert ws.Sky(catalog="x.fits", table="b").table == "b"
-    with pytest.raises(ws.InputError, match=r"^Sky: table: must be a name or a whole number, got 1.5$"):
+    with pytest.raises(ws.InputError, match=r"^Sky: table: must be a name or a whole number, got 1\.5$"):
         ws.Sky(catalog="x.fits", table=1.5)
 
 

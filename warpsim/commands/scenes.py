@@ -160,11 +160,11 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _calibrate(options: argparse.Namespace) -> int:
-    from warpsim.output.calibration import calibrate
+    from warpsim.output.calibration import MOST_FRAMES, calibrate
 
     n_frame, level = whole_number("--frames", options.frames), number("--level", options.level)
-    if n_frame < 1:
-        raise InputError("must be >= 1", "--frames", n_frame)
+    if not 1 <= n_frame <= MOST_FRAMES:
+        raise InputError(f"must be from 1 to {MOST_FRAMES:,}", "--frames", options.frames)
     if not 0.0 < level <= 1.0:
         raise InputError("must be above 0, and at most 1", "--level", options.level)
     scenario = scenario_of(options.scene)

@@ -22,6 +22,9 @@ from warpsim.scene.scene import Scene, scenario_of
 
 KINDS = ("bias", "dark", "flat")
 
+MOST_FRAMES = 10_000
+"""Of a kind: they are in memory at once."""
+
 
 def calibrate(
     scene: Scene | Scenario,
@@ -46,7 +49,7 @@ def calibrate(
         folder: Folder to write to; made where it is missing, once all else is checked.
         sensors: Names of sensors; all when left out.
         bands: Names of bands; all of each sensor when left out.
-        n_frame: Frames of each kind.
+        n_frame: Frames of each kind, up to 10,000.
         flat_level: Even light of flat frames, as a fraction of what saturates a pixel, above 0 to 1.
         device: Warp device on which frames are made.
         overwrite: Replace files that are there.
@@ -60,6 +63,8 @@ def calibrate(
     """
     scenario = scenario_of(scene)
     count = whole_number("n_frame", n_frame, 1)
+    if count > MOST_FRAMES:
+        raise InputError(f"must be at most {MOST_FRAMES:,}", "n_frame", n_frame)
     if isinstance(flat_level, bool) or not isinstance(flat_level, int | float) or not 0.0 < flat_level <= 1.0:
         raise InputError("must be above 0, and at most 1", "flat_level", flat_level)
     device = default_device(device)
