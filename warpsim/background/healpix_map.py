@@ -47,14 +47,15 @@ def healpix_map(hdu: Any, unit: str, bands: list[Band]) -> SkyMap:
     order = _keyword(header, "ORDERING", {"RING": "ring", "NESTED": "nested", "NEST": "nested"})
     n_side = header.get("NSIDE")
     if not isinstance(n_side, int) or n_side < 1 or n_side & (n_side - 1):
-        raise InputError("must be a power of 2", "NSIDE", n_side)
+        raise _keyword_error("must be a power of 2", "NSIDE", n_side)
     healpix = HEALPix(n_side, order, frame=frame)
     with errors_at(column.name):
         scales = radiance_scales(column.unit or header.get("BUNIT", unit), bands)
         values = np.asarray(hdu.data[column.name]).ravel()
         values = np.where(values > _UNSEEN, values, np.nan) if values.dtype.kind == "f" else values
-        values = _all_pixels(hdu, checked_values(values), healpix.npix)
+        values = checked_values(values)
         sizes = radiance_sizes(values, scales)
+    values = _all_pixels(hdu, column.name, values, healpix.npix)
     healpix, values = _coarser(healpix, np.where(np.isfinite(values), values, 0.0))
 
     def radiance_of(direction: Array) -> Array:
@@ -78,21 +79,22 @@ def _keyword(header: Any, name: str, known: dict[str, str]) -> str:
     given = header.get(name)
     found = known.get(str(given).strip().upper())
     if found is None:
-        rule = f"must be {', '.join(known)}"
-        raise InputError(
-            f"{rule}, and is missing" if given is None else rule, name, *([] if given is None else [given])
-        )
+        raise _keyword_error(f"must be one of {', '.join(known)}", name, given)
     return found
 
 
-def _all_pixels(hdu: Any, values: Array, n_pixel: int) -> Array:
+def _keyword_error(rule: str, name: str, given: Any) -> InputError:
+    return InputError(f"{rule}, and is missing", name) if given is None else InputError(rule, name, given)
+
+
+def _all_pixels(hdu: Any, name: str, values: Array, n_pixel: int) -> Array:
     """Values of all pixels, not finite where a table does not have them."""
     number = next((column.name for column in hdu.columns if column.name.upper() == PIXEL), None)
     if number is None:
         if str(hdu.header.get("INDXSCHM", "")).strip().upper() == "EXPLICIT":
             raise InputError(f"must have a column {PIXEL} where INDXSCHM is EXPLICIT", "columns", hdu.columns.names)
         if len(values) != n_pixel:
-            raise InputError(f"must hold {n_pixel:,} HEALPix pixels for this NSIDE", value=len(values))
+            raise InputError(f"must hold {n_pixel:,} HEALPix pixels for this NSIDE", name, len(values))
         return values
     pixel = np.asarray(hdu.data[number]).ravel()
     if pixel.dtype.kind not in "iu" or len(pixel) != len(values):
