@@ -528,6 +528,14 @@ def test_check_says_what_is_left_out_and_the_end_of_a_run_too(scene, tmp_path):
     assert "background.earth" in run.text()
 
 
+@pytest.mark.parametrize(
+    ("days", "zodiacal", "warned"), [(21.0, True, True), (21.0, False, False), (19.0, True, False)]
+)
+def test_check_warns_of_zodiacal_light_of_long_scenes(scene, days, zodiacal, warned):
+    own = at_altitude(scene.replace(duration_s=days * 86400.0, background__zodiacal=zodiacal), 35786.0, 0.0)
+    assert ("zodiacal light is that of the middle of 21 days" in scene_report(own.scenario)) == warned
+
+
 # --- the user's own: a function, and an image of every pixel ---
 
 

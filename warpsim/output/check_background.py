@@ -18,6 +18,7 @@ from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 
 _MOST_VIEWS = 50
+_MOST_ZODIACAL_DAYS = 20.0
 _W_CM2_PER_W_M2 = 1e-4
 
 
@@ -25,7 +26,7 @@ def background_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapp
     """Return a line for each band: the background in a pixel in the middle of the frame [NEI], on or left out."""
     boresights = _boresights(instrument, frames_of)
     if not len(boresights):
-        return []
+        return _zodiacal_warning(scenario)
     wanted, camera = instrument.background, instrument.sensor.camera
     pixel_sr = 1 / (camera.focal_px * camera.focal_row_px)
     sun_m = scenario.tracks.sun.position_at_m(np.array([scenario.scene.duration_s / 2]))[0]
@@ -54,7 +55,16 @@ def background_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapp
             )
         ]
         lines.append(f"             image {wanted.image}: {', '.join(sizes)} NEI")
-    return lines
+    return lines + _zodiacal_warning(scenario)
+
+
+def _zodiacal_warning(scenario: Scenario) -> list[str]:
+    """A warning of zodiacal light that is far from the middle of a long scene, or no line."""
+    days = scenario.scene.duration_s / 86400.0
+    if not scenario.scene.background.zodiacal or days <= _MOST_ZODIACAL_DAYS:
+        return []
+    words = f"zodiacal light is that of the middle of {days:.3g} days, turned with the Sun: 2 % off 10 days from it"
+    return [f"  warning    {words}, 7 % 30 days from it"]
 
 
 def _boresights(instrument: Instrument, frames_of: Mapping[str, Sequence[int]]) -> npt.NDArray[np.float64]:
