@@ -12,7 +12,7 @@ from scipy.integrate import quad
 
 import warpsim as ws
 from warpsim.background.earth_limb import limb_profile
-from warpsim.background.moon import SUBSOLAR_K, moon_irradiance_w_cm2, moon_position_m
+from warpsim.background.moon import SUBSOLAR_K, moon_brightness_w_cm2, moon_position_m
 from warpsim.background.sky_map import radiance_scales, response_width_hz
 from warpsim.background.sky_plates import sky_cube
 from warpsim.background.zodiacal import (
@@ -398,21 +398,42 @@ def test_stray_light_of_the_earth_by_parts_of_its_disc(scene, altitude_km, recor
 
 
 def test_the_moon_is_as_bright_as_measured():
-    full, moon = np.array([[3.844e8, 0.0, 0.0]]), instant("2026-01-03T10:00:00")
-    sun_m = np.array([[-1.496e11, 0.0, 0.0]])
+    full, moon, square = np.array([0.0]), instant("2026-01-03T10:00:00"), (3.844e8 / 1.7374e6) ** 2
     visible = narrow(0.55)
-    ratio = moon_irradiance_w_cm2([visible], np.array([1.0]), full, sun_m)[0, 0]
+    ratio = moon_brightness_w_cm2([visible], np.array([1.0]), 1.0, full)[0, 0] / square
     assert -2.5 * np.log10(ratio) == pytest.approx(-12.74 + 26.76, abs=0.15)  # magnitudes of Moon and Sun
-    thermal = moon_irradiance_w_cm2([narrow(10.0)], np.array([0.0]), full, sun_m)[0, 0]
+    thermal = moon_brightness_w_cm2([narrow(10.0)], np.array([0.0]), 1.0, full)[0, 0] / square
     disc = np.pi * (1.7374e6 / 3.844e8) ** 2
     hottest = float(band_radiance_w_m2_sr(SUBSOLAR_K, narrow(10.0))) * 1e-4 * disc
     assert 0.6 * hottest < thermal < 0.95 * hottest
-    nearer = moon_irradiance_w_cm2([visible, narrow(4.0)], np.array([1.0, 0.0]), full, 0.99 * sun_m)[:, 0]
-    assert nearer[0] / ratio == pytest.approx(0.99**-2, rel=1e-3)  # sunlight at the Moon
+    nearer = moon_brightness_w_cm2([visible], np.array([1.0]), 0.99, full)[0, 0] / square
+    assert nearer / ratio == pytest.approx(0.99**-2, rel=1e-3)  # sunlight at the Moon
     # Full Moon of 3 January 2026, 10:03 UTC: opposite to the Sun but for its latitude.
     moon_m, sun_then_m = moon_position_m(moon, 0.0), earth_states(moon, 0.0).sun_m
     cosine = moon_m @ sun_then_m / np.linalg.norm(moon_m) / np.linalg.norm(sun_then_m)
     assert cosine < np.cos(np.radians(174))
+
+
+@pytest.mark.parametrize("raan_deg", [200.0, 290.0, 20.0, 110.0])
+def test_stray_light_of_the_moon_is_that_at_the_sensor(scene, raan_deg):
+    """By Allen's law with the phase and the distance from geostationary orbit, up to a quarter from the Earth's."""
+    table = {"angle_deg": [0.0, 180.0], "ratio_sr": [1e-3, 1e-3], "sun": False, "earth": False}
+    visible = ws.Band.top_hat("visible", 0.55, 0.75)
+    bands = scene.replace(bands=[visible], optics={"aperture_m": 0.1, "psf": "gaussian", "sigma_px": 0.5})
+    own = at_altitude(bands.replace(epoch_utc="2026-01-03T10:00:00"), 35786.0, 0.0, raan_deg)
+    added, frames = added_w_cm2(own, sensors="one", stray_light=table)
+    tracks, camera = frames.scenario.tracks, frames.instrument.sensor.camera
+    sun_m, position_m = tracks.sun.position_at_m(frames.time_s)[0], tracks.satellites[0].state(frames.time_s)[0][0]
+    moon_m = moon_position_m(instant("2026-01-03T10:00:00"), float(frames.time_s[0])).reshape(3)
+    if grazing_altitude_m(position_m, moon_m, tracks.pole_icrs) < 0:
+        assert added[0, 0, 0, 4, 4] == 0
+        return
+    to_sun, to_sensor = sun_m - moon_m, position_m - moon_m
+    phase = np.degrees(np.arccos(to_sun @ to_sensor / np.linalg.norm(to_sun) / np.linalg.norm(to_sensor)))
+    fading = 10 ** (-0.4 * (0.026 * phase + 4e-9 * phase**4)) * (1.4959787e11 / np.linalg.norm(to_sun)) ** 2
+    sun_w_cm2 = own.lighting.sun_w_m2_in(visible) * 1e-4
+    expected = 1e-3 * 0.12 * fading * sun_w_cm2 * (1.7374e6 / np.linalg.norm(to_sensor)) ** 2
+    assert added[0, 0, 0, 4, 4] * camera.focal_px * camera.focal_row_px == pytest.approx(expected, rel=2e-3)
 
 
 def map_file(path, frames, unit="MJy/sr", sensor=0):
@@ -506,6 +527,14 @@ def test_check_says_what_is_left_out_and_the_end_of_a_run_too(scene, tmp_path):
     assert "(left out)" not in scene_report(wide.replace(background={"zodiacal": True, "earth": True}).scenario)
     run = ws.render_to_folder(wide, tmp_path / "out", frames=[60], bands=["A"])
     assert "background.earth" in run.text()
+
+
+@pytest.mark.parametrize(
+    ("days", "zodiacal", "warned"), [(21.0, True, True), (21.0, False, False), (19.0, True, False)]
+)
+def test_check_warns_of_zodiacal_light_of_long_scenes(scene, days, zodiacal, warned):
+    own = at_altitude(scene.replace(duration_s=days * 86400.0, background__zodiacal=zodiacal), 35786.0, 0.0)
+    assert ("zodiacal light is that of the middle of 21 days" in scene_report(own.scenario)) == warned
 
 
 # --- the user's own: a function, and an image of every pixel ---

@@ -17,6 +17,8 @@ RUN = 32
 HIGHEST_KM = wp.constant(400.0)
 """Lines of sight that pass higher, or away from the Earth, have this height."""
 
+ASTRONOMICAL_UNIT_M = wp.constant(wp.float64(149597870700.0))
+
 NARROW_KM = wp.constant(0.5)
 """Heights within which the limb hardly bends."""
 
@@ -68,7 +70,9 @@ class StrayLight:
     angle_rad: wp.array[float]  # (n_edge,) off the boresight, from 0 to pi: ends of pieces
     log_ratio: wp.array[float]  # (n_edge,) natural logarithm, a line along a piece
     moon_m: wp.array[wp.vec3d]  # (n_time,) geocentric, at the times of the Sun's path
-    irradiance_w_cm2: wp.array3d[float]  # (n_band, 2, n_time) of the Sun and the Moon
+    moon_radius_m: wp.float64
+    sun_w_cm2: wp.array[float]  # (n_band,) irradiance at 1 au
+    moon_w_cm2: wp.array2d[float]  # (n_band, n_phase) irradiance at one radius, if it went on as at a distance
     earth: wp.bool  # whether the Earth's disc is a source
     across: wp.array[wp.vec2]  # (n_node,) Gauss nodes across a piece, from 0 to 1, and weights that add up to 1
     along: wp.array[wp.vec2]  # (n_node,) nodes along an arc about the boresight, from -1 to 1, and such weights
@@ -261,9 +265,24 @@ def ratio_in_piece(stray: StrayLight, piece: int, angle: float) -> float:
 
 
 @wp.func
+def angle_between(a: wp.vec3d, b: wp.vec3d) -> float:
+    """Angle between two vectors, from 0 to pi."""
+    return float(wp.atan2(wp.length(wp.cross(a, b)), wp.dot(a, b)))
+
+
+@wp.func
+def moon_position(stray: StrayLight, sun: SunPath, time_s: wp.float64) -> wp.vec3d:
+    """Geocentric position of the Moon at a time [m]."""
+    place = sun_place(sun, time_s)
+    node = wp.min(int(place), stray.moon_m.shape[0] - 2)
+    part = place - wp.float64(node)
+    return stray.moon_m[node] * (wp.float64(1.0) - part) + stray.moon_m[node + 1] * part
+
+
+@wp.func
 def stray_ratio(stray: StrayLight, boresight: wp.vec3d, direction: wp.vec3d) -> float:
     """Radiance of the image per irradiance by a source in a direction [1/sr], log-linear in the angle."""
-    angle = float(wp.atan2(wp.length(wp.cross(boresight, direction)), wp.dot(boresight, direction)))
+    angle = angle_between(boresight, direction)
     piece = int(0)
     while piece < stray.angle_rad.shape[0] - 2 and angle > stray.angle_rad[piece + 1]:
         piece += 1
@@ -384,24 +403,23 @@ def stray_light_kernel(
     stray, earth = background.stray, background.earth
     position, boresight = seen.position_m, wp.vec3d(seen.axes[2, 0], seen.axes[2, 1], seen.axes[2, 2])
     sun = sun_direction(background.sun, time_s[view])
-    place = sun_place(background.sun, time_s[view])
-    node = wp.min(int(place), stray.moon_m.shape[0] - 2)
-    part = place - wp.float64(node)
-    moon_m = stray.moon_m[node] * (wp.float64(1.0) - part) + stray.moon_m[node + 1] * part
-    moon = wp.normalize(moon_m - position)
+    from_moon = position - moon_position(stray, background.sun, time_s[view])
     ratio_sun, ratio_moon = float(0.0), float(0.0)
     if is_seen(earth, position, sun):
         ratio_sun = stray_ratio(stray, boresight, sun)
-    if is_seen(earth, position, moon):
-        ratio_moon = stray_ratio(stray, boresight, moon)
+    if is_seen(earth, position, -wp.normalize(from_moon)):
+        radii = wp.length(from_moon) / stray.moon_radius_m
+        ratio_moon = stray_ratio(stray, boresight, -wp.normalize(from_moon)) / float(radii * radii)
+    phase = angle_between(sun * ASTRONOMICAL_UNIT_M + from_moon - position, from_moon)
+    place = phase / wp.PI * float(stray.moon_w_cm2.shape[1] - 1)
+    node = wp.min(int(place), stray.moon_w_cm2.shape[1] - 2)
     of_earth, strength = wp.vec2(0.0, 0.0), sun_strength(background.sun, time_s[view])
     if stray.earth:
         of_earth = stray_of_earth(stray, earth_cap(earth, position, boresight, sun))
     for band in range(stray_w_cm2_sr.shape[1]):
-        light, disc = stray.irradiance_w_cm2[band], earth.disc_w_cm2_sr[band]
-        of_sun = wp.lerp(light[0, node], light[0, node + 1], float(part))
-        of_moon = wp.lerp(light[1, node], light[1, node + 1], float(part))
-        bodies = ratio_sun * of_sun + ratio_moon * of_moon
+        disc = earth.disc_w_cm2_sr[band]
+        of_moon = wp.lerp(stray.moon_w_cm2[band, node], stray.moon_w_cm2[band, node + 1], place - float(node))
+        bodies = ratio_sun * strength * stray.sun_w_cm2[band] + ratio_moon * of_moon
         stray_w_cm2_sr[view, band] = bodies + of_earth[0] * disc[0] + of_earth[1] * strength * disc[1]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,29 +40,21 @@ def moon_position_m(epoch: Epoch, time_s: ArrayLike) -> Array:
     return np.asarray(erfa.moon98(*tdb_jd(epoch, time_s))["p"]) * ASTRONOMICAL_UNIT_M
 
 
-def moon_irradiance_w_cm2(bands: list[Band], sun_w_cm2: Array, moon_m: Array, sun_m: Array) -> Array:
-    """Return the in-band irradiance of the Moon at the Earth, reflected and emitted: (n_band, n) [W/cm2].
+def moon_brightness_w_cm2(bands: list[Band], sun_w_cm2: Array, sun_au: float, phase_rad: Array) -> Array:
+    """Return the in-band irradiance of the Moon times its squared distance in its radii: (n_band, n) [W/cm2].
 
     Ground glows at the fourth root of the cosine of the Sun's zenith angle, and at 95 K by night. Good to some 10 %.
 
     Args:
         bands: The bands.
         sun_w_cm2: In-band irradiance of the Sun at 1 au, (n_band,).
-        moon_m: Geocentric positions of the Moon, (n, 3).
-        sun_m: Geocentric positions of the Sun, (n, 3).
+        sun_au: Distance of the Sun from the Moon [au].
+        phase_rad: Angles at the Moon between the Sun and who sees it, (n,).
     """
-    distance_m = np.linalg.norm(moon_m, axis=1)
-    from_moon = sun_m - moon_m
-    cosine = -np.einsum("ni,ni->n", from_moon, moon_m) / (np.linalg.norm(from_moon, axis=1) * distance_m)
-    phase_rad = np.arccos(np.clip(cosine, -1.0, 1.0))
     degrees = np.degrees(phase_rad)
     fading = 10 ** (-0.4 * (_PHASE_MAG_PER_DEG[0] * degrees + _PHASE_MAG_PER_DEG[1] * degrees**4))
-    disc = (MOON_RADIUS_M / distance_m) ** 2
-    strength = (ASTRONOMICAL_UNIT_M / np.linalg.norm(from_moon, axis=1)) ** 2
-    reflected = GEOMETRIC_ALBEDO * fading * disc * strength * sun_w_cm2[:, None]
-    angles, subsolar_k = np.linspace(0.0, math.pi, 19), SUBSOLAR_K * float(strength.mean()) ** 0.25
-    emitted = np.array([np.interp(phase_rad, angles, _emitted_w_cm2_sr(band, angles, subsolar_k)) for band in bands])
-    return np.asarray(reflected + emitted * disc)
+    reflected = GEOMETRIC_ALBEDO * fading * sun_w_cm2[:, None] / sun_au**2
+    return np.asarray(reflected + [_emitted_w_cm2_sr(band, phase_rad, SUBSOLAR_K / sun_au**0.5) for band in bands])
 
 
 def _emitted_w_cm2_sr(band: Band, phase_rad: Array, subsolar_k: float) -> Array:

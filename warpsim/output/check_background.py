@@ -19,6 +19,7 @@ from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 
 _MOST_VIEWS = 50
+_MOST_ZODIACAL_DAYS = 20.0
 _W_CM2_PER_W_M2 = 1e-4
 
 
@@ -31,7 +32,8 @@ def background_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapp
         InputError: The map or the image cannot be read, or the function cannot be called.
     """
     boresights = _boresights(instrument, frames_of)
-    return [*(_sky_lines(instrument, scenario, boresights) if len(boresights) else []), *_own_lines(instrument)]
+    sky = _sky_lines(instrument, scenario, boresights) if len(boresights) else []
+    return [*sky, *_own_lines(instrument), *_zodiacal_warning(scenario)]
 
 
 def _sky_lines(instrument: Instrument, scenario: Scenario, boresights: npt.NDArray[np.float64]) -> list[str]:
@@ -58,6 +60,15 @@ def _sky_lines(instrument: Instrument, scenario: Scenario, boresights: npt.NDArr
         if filled:
             lines.append(f"  warning: {' and '.join(filled)} saturates pixels in {name}, whose SEI is {sei:.3g} NEI")
     return lines
+
+
+def _zodiacal_warning(scenario: Scenario) -> list[str]:
+    """A warning of zodiacal light that is far from the middle of a long scene, or no line."""
+    days = scenario.scene.duration_s / 86400.0
+    if not scenario.scene.background.zodiacal or days <= _MOST_ZODIACAL_DAYS:
+        return []
+    words = f"zodiacal light is that of the middle of {days:.3g} days, turned with the Sun: 2 % off 10 days from it"
+    return [f"  warning    {words}, 7 % 30 days from it"]
 
 
 def _own_lines(instrument: Instrument) -> list[str]:

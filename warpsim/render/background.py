@@ -23,7 +23,7 @@ from warpsim_kernels.background import (
 )
 
 from warpsim.background.earth_limb import limb_profile
-from warpsim.background.moon import moon_irradiance_w_cm2, moon_position_m
+from warpsim.background.moon import MOON_RADIUS_M, moon_brightness_w_cm2, moon_position_m
 from warpsim.background.pixel_image import read_pixel_image
 from warpsim.background.sky_map import sky_map_plates
 from warpsim.background.sky_plates import SkyPlate, sky_cube
@@ -206,6 +206,10 @@ N_ACROSS, N_ALONG = 4, 8
 """Gauss nodes across a piece of the table, and along an arc about the boresight, of the Earth's stray light."""
 
 
+_N_PHASE = 181
+"""Angles at the Moon, from full to new, by which its light is looked up."""
+
+
 def stray_pieces(stray: StrayLightModel) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Angles from 0 to pi [rad] between which the logarithm of the ratio is a line, and the logarithms."""
     ends = np.unique([0.0, *stray.angle_deg, 180.0])
@@ -221,18 +225,19 @@ def _stray_struct(stray: StrayLightModel, scenario: Scenario, bands: list[Band],
     angle_rad, log_ratio = stray_pieces(stray)
     time_s = tracks.start_s + tracks.step_s * np.arange(tracks.n_node)
     moon_m = moon_position_m(scenario.epoch, time_s)
-    sun_w_cm2 = np.array([[lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2] for band in bands])
-    of_sun = sun_w_cm2 * (ASTRONOMICAL_UNIT_M / np.linalg.norm(tracks.sun.position_m, axis=1)) ** 2
-    of_moon = moon_irradiance_w_cm2(bands, sun_w_cm2[:, 0], moon_m, tracks.sun.position_m)
-    light = np.stack([of_sun * stray.sun, of_moon * stray.moon], axis=1)
+    sun_w_cm2 = np.array([lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2 for band in bands])
+    sun_au = float(np.linalg.norm(tracks.sun.position_m - moon_m, axis=1).mean()) / ASTRONOMICAL_UNIT_M
+    phase_rad = np.linspace(0.0, math.pi, _N_PHASE)
+    of_moon = stray.moon * moon_brightness_w_cm2(bands, sun_w_cm2, sun_au, phase_rad)
     across, along = (np.stack(np.polynomial.legendre.leggauss(n), axis=1) for n in (N_ACROSS, N_ALONG))
     struct: Any = StrayLight()
-    struct.earth = stray.earth
+    struct.earth, struct.moon_radius_m = stray.earth, MOON_RADIUS_M
     for name, values, dtype in (
         ("angle_rad", angle_rad, wp.float32),
         ("log_ratio", log_ratio, wp.float32),
         ("moon_m", moon_m, wp.vec3d),
-        ("irradiance_w_cm2", light, wp.float32),
+        ("sun_w_cm2", stray.sun * sun_w_cm2, wp.float32),
+        ("moon_w_cm2", of_moon, wp.float32),
         ("across", (0.5 * across + [0.5, 0.0]), wp.vec2),
         ("along", along * [1.0, 0.5], wp.vec2),
     ):
