@@ -679,3 +679,13 @@ def test_check_warns_of_a_background_that_saturates():
     words = "warning: the Earth saturates pixels in A, whose SEI is 3e+03 NEI"
     assert words in scene_report(scene.replace(background__earth=True).scenario)
     assert words not in scene_report(scene.scenario) and "background A" in scene_report(scene.scenario)
+
+
+def test_check_tells_the_size_of_stray_light():
+    table = {"angle_deg": [0, 10, 30, 60, 90, 180], "ratio_sr": [1e-1, 1e-3, 1e-5, 1e-6, 1e-7, 1e-8]}
+    scene = ws.Scene.load("stss").replace(sky__catalog="none", bands=["A"], background={"stray_light": table})
+    line = next(line for line in scene_report(scene.scenario).splitlines() if "stray light:" in line)
+    low, high = (float(text) for text in re.search(r"A (\S+) to (\S+) NEI", line).groups())
+    frames = ws.Renderer(scene).render(range(60, 100, 20), sensors=["sat21"], keep_signal=True)
+    found = np.median(frames.signal_w_cm2.numpy(), axis=(-1, -2)) / 1e-18
+    assert 0.0 < 0.99 * low <= found.min() <= found.max() <= 1.01 * high

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,7 @@ from warpsim.constants import ASTRONOMICAL_UNIT_M
 from warpsim.output.check_views import field_contents
 from warpsim.output.wording import counted
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
+from warpsim.render.background import stray_light_w_cm2_sr
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 
@@ -31,9 +33,11 @@ def background_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapp
     Raises:
         InputError: The map or the image cannot be read, or the function cannot be called.
     """
-    boresights = _boresights(instrument, frames_of)
+    views = _sampled_views(instrument, frames_of)
+    boresights = _boresights(instrument, views)
     sky = _sky_lines(instrument, scenario, boresights) if len(boresights) else []
-    return [*sky, *_own_lines(instrument), *_zodiacal_warning(scenario)]
+    own = [*_stray_lines(instrument, scenario, views), *_own_lines(instrument)]
+    return [*sky, *own, *_zodiacal_warning(scenario)]
 
 
 def _sky_lines(instrument: Instrument, scenario: Scenario, boresights: npt.NDArray[np.float64]) -> list[str]:
@@ -98,16 +102,34 @@ def _ranges(names: Iterable[str], ends_w_cm2: npt.NDArray[np.float64], nei_w_cm2
     return f"{', '.join(texts)} NEI"
 
 
-def _boresights(instrument: Instrument, frames_of: Mapping[str, Sequence[int]]) -> npt.NDArray[np.float64]:
-    """Boresights of some views, (n, 3): of those with access, or of any where there are none."""
+def _sampled_views(
+    instrument: Instrument, frames_of: Mapping[str, Sequence[int]]
+) -> list[tuple[str, npt.NDArray[np.float64]]]:
+    """Sensors and times of some views: of those with access, or of any where there are none."""
     own = {name: frames for name, frames in frames_of.items() if len(frames)}
     own = own or dict.fromkeys(instrument.names, range(instrument.frames.count))
     each = max(1, _MOST_VIEWS // max(1, len(own)))
-    found = []
-    for name, frames in list(own.items())[:_MOST_VIEWS]:
-        time_s = instrument.frame_time_s(list(frames)[:: max(1, len(frames) // each)])
-        found.append(instrument.commanded_axes(instrument.index(name), time_s).axes[:, 2])
+    return [
+        (name, instrument.frame_time_s(list(frames)[:: max(1, len(frames) // each)]))
+        for name, frames in list(own.items())[:_MOST_VIEWS]
+    ]
+
+
+def _boresights(instrument: Instrument, views: Sequence[tuple[str, Any]]) -> npt.NDArray[np.float64]:
+    """Boresights of views, (n, 3)."""
+    found = [instrument.commanded_axes(instrument.index(name), time_s).axes[:, 2] for name, time_s in views]
     return np.concatenate(found) if found else np.zeros((0, 3))
+
+
+def _stray_lines(instrument: Instrument, scenario: Scenario, views: Sequence[tuple[str, Any]]) -> list[str]:
+    """A line of stray light: its sizes in each band [NEI]; none where the scene has none."""
+    if scenario.scene.background.stray_light is None or not views:
+        return []
+    pixel_sr = 1 / (instrument.sensor.camera.focal_px * instrument.sensor.camera.focal_row_px)
+    light = np.concatenate([stray_light_w_cm2_sr(scenario, instrument, name, time_s) for name, time_s in views])
+    ends = np.stack([light.min(axis=0), light.max(axis=0)], axis=1).astype(np.float64) * pixel_sr
+    nei_w_cm2 = [instrument.nei_w_cm2(name) for name in instrument.bands]
+    return [f"  background stray light: {_ranges(instrument.bands, ends, nei_w_cm2)}"]
 
 
 def earth_warning(scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> str | None:

@@ -21,6 +21,7 @@ from warpsim_kernels.background import (
     make_background_of_targets_kernel,
     stray_light_kernel,
 )
+from warpsim_kernels.records import View
 
 from warpsim.background.earth_limb import limb_profile
 from warpsim.background.moon import MOON_RADIUS_M, moon_brightness_w_cm2, moon_position_m
@@ -29,6 +30,7 @@ from warpsim.background.sky_map import sky_map_plates
 from warpsim.background.sky_plates import SkyPlate, sky_cube
 from warpsim.background.zodiacal import ECLIPTIC_AXES, zodiacal_map
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
+from warpsim.launches import to_numpy
 from warpsim.optics.camera import Camera
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
@@ -103,6 +105,27 @@ def make_background(
         make_background_of_targets_kernel(wanted.earth),
         None if wanted.image is None else _image(wanted.image, instrument, bands, device),
     )
+
+
+def stray_light_w_cm2_sr(
+    scenario: Scenario, instrument: Instrument, sensor: str, time_s: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float32]:
+    """Return the stray light in the images of a sensor at times, in its bands [W/cm2/sr], (n_time, n_band)."""
+    device, tracks = wp.get_device("cpu"), scenario.tracks
+    bands, stray = list(instrument.bands.values()), scenario.scene.background.stray_light
+    light = wp.zeros((len(time_s), len(bands)), dtype=wp.float32, device=device)
+    if stray is None:
+        return to_numpy(light)
+    struct: Any = BackgroundStruct()
+    struct.sun = _sun_struct(tracks, scenario.scene.duration_s, device)
+    struct.earth = _earth_struct(tracks, bands, scenario.scene.lighting, device)
+    struct.stray = _stray_struct(stray, scenario, bands, device)
+    views = np.zeros(len(time_s), dtype=View.numpy_dtype())
+    views["axes"] = instrument.commanded_axes(instrument.index(sensor), time_s).axes
+    views["position_m"] = instrument.state(sensor, time_s)[0]
+    inputs = [wp.array(time_s, dtype=wp.float64, device=device), wp.array(views, dtype=View, device=device), struct]
+    wp.launch(stray_light_kernel, dim=len(time_s), inputs=inputs, outputs=[light], device=device)
+    return to_numpy(light)
 
 
 def _image(path: str, instrument: Instrument, bands: Sequence[str], device: wp.Device) -> wp.array:
