@@ -46,7 +46,7 @@ def function_checksum(name: str, bands: list[Band]) -> str:
 
 def _imported(name: str) -> Callable[..., Any]:
     module, _, attribute = name.removeprefix(FUNCTION).partition(":")
-    if not all(part.isidentifier() for part in (*module.split("."), *attribute.split("."))):
+    if ":" in attribute or not all((*module.split("."), *attribute.split("."))):
         raise _error('must be of the form "python:module:function", with the whole name of a module', name)
     try:
         found: Any = importlib.import_module(module)
