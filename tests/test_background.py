@@ -689,3 +689,16 @@ def test_check_tells_the_size_of_stray_light():
     frames = ws.Renderer(scene).render(range(60, 100, 20), sensors=["sat21"], keep_signal=True)
     found = np.median(frames.signal_w_cm2.numpy(), axis=(-1, -2)) / 1e-18
     assert 0.0 < 0.99 * low <= found.min() <= found.max() <= 1.01 * high
+
+
+def test_kinds_of_sensors_have_images_of_their_own(tmp_path):
+    scene = ws.Scene.load("two_cameras").replace(sky__catalog="none", background__image=str(tmp_path / "{kind}.npy"))
+    scenario = scene.scenario
+    for number, (kind, instrument) in enumerate(scenario.instruments.items()):
+        camera = instrument.sensor.camera
+        np.save(tmp_path / f"{kind}.npy", np.full((camera.n_row, camera.n_col), 1e-17 * (number + 1)))
+    for number, kind in enumerate(scenario.instruments):
+        sensors = scenario.instruments[kind].names[:1]
+        frames = ws.Renderer(scene, "cpu").render([0], sensors=sensors, keep_signal=True)
+        assert np.median(frames.signal_w_cm2.numpy()) == pytest.approx(1e-17 * (number + 1), rel=1e-6)
+    assert sum(path.startswith(str(tmp_path)) for path in input_checksums(scenario)) == len(scenario.instruments)

@@ -74,7 +74,7 @@ def make_background(
     Raises:
         InputError: A map of the sky cannot be read.
     """
-    wanted = scenario.scene.background
+    wanted = instrument.background
     if not wanted.is_on:
         return None
     some = [instrument.bands[name] for name in bands]

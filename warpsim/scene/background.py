@@ -72,7 +72,7 @@ class Background:
             Or a function of a Python module, also as "python:module:function", from directions (n, 3) in ICRS and a
             `ws.Band` to radiances (n,) [W/cm2/sr].
         image: FITS or NPY file of the irradiance that every pixel gets besides [W/cm2], (n_row, n_col), or a plane for
-            each band of the sensor, (n_band, n_row, n_col).
+            each band of the sensor, (n_band, n_row, n_col); "{kind}" in it stands for the name of the kind of sensor.
         stray_light: How the optics scatter the Sun, the Moon and the Earth.
     """
 

@@ -39,7 +39,8 @@ def input_checksums(scenario: Scenario) -> dict[str, str]:
             walk(getattr(part, field.name))
 
     walk((scene.constellation, scene.groups))
-    for path in (scene.background.sky_map, scene.background.image):
+    images = [instrument.background.image for instrument in scenario.instruments.values()]
+    for path in dict.fromkeys((scene.background.sky_map, *images)):
         if path is not None and path.startswith(FUNCTION):
             found[path] = function_checksum(path, list(scenario.bands.values()))
         elif path is not None and Path(path).is_file():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Protocol
 
@@ -121,8 +122,11 @@ class Instrument:
 
     @property
     def background(self) -> Background:
-        """What lies behind stars and targets."""
-        return self._scene.background
+        """What lies behind stars and targets, with the image of this kind of sensor."""
+        background = self._scene.background
+        if background.image is None:
+            return background
+        return replace(background, image=background.image.replace("{kind}", self.sensor.name))
 
     @property
     def noise_seed(self) -> int:
