@@ -248,9 +248,9 @@ def test_pixels_hold_the_mean_of_the_limb_over_the_heights_that_they_span(scene,
         light = np.where(height_km < 0, disc, light).mean(axis=-1)
         inner = (height_km.max(axis=-1) < 100) & (light > 0)
         assert inner.sum() > 100 and (light[inner] < 0.5 * disc).any()
-        error = np.abs(added[0, 0, index].T[columns] / (light * area * slant) - 1)
+        error = np.abs(added[0, 0, index].T[columns][inner] / (light * area * slant)[inner] - 1)
         record_accuracy(
-            "limb of the Earth, mean over a pixel", error[inner].max(), LIMB_RTOL, "", "1024 lines of sight"
+            "limb of the Earth, mean over a pixel", error.max(), LIMB_RTOL, "", "1024 lines of sight"
         )
 
 
