@@ -82,8 +82,8 @@ class NeiDetector:
         flicker: Flickering pixels; none when left out.
         line_time_s: Time from the mid-exposure of a row to that of the next [s], negative where the bottom row is the
             first; the frame's time is that of the array's middle. 0 exposes all rows at once.
-        tdi_stages: Stages of time delay and integration, each as long as line_time_s, whose sum is the exposure: the image is
-            a strip, along which charge moves in step with the scene. 0 is none.
+        tdi_stages: Stages of time delay and integration, each as long as line_time_s, whose sum is the exposure: the
+            image is a strip, along which charge moves in step with the scene. 0 is none.
     """
 
     nei_w_cm2: PositiveByBand
@@ -174,8 +174,8 @@ class ElectronDetector:
         flicker: Flickering pixels; none when left out.
         line_time_s: Time from the mid-exposure of a row to that of the next [s], negative where the bottom row is the
             first; the frame's time is that of the array's middle. 0 exposes all rows at once.
-        tdi_stages: Stages of time delay and integration, each as long as line_time_s, whose sum is the exposure: the image is
-            a strip, along which charge moves in step with the scene. 0 is none.
+        tdi_stages: Stages of time delay and integration, each as long as line_time_s, whose sum is the exposure: the
+            image is a strip, along which charge moves in step with the scene. 0 is none.
     """
 
     exposure_s: PositiveExposure
