@@ -102,6 +102,7 @@ from warpsim.radiometry.bands import bands as bands
 # files
 from warpsim.output.run import render_to_folder as render_to_folder
 from warpsim.output.calibration import calibrate as calibrate
+from warpsim.output.ccddata import ccddata as ccddata
 from warpsim.output.fits_cube import read_cube as read_cube
 from warpsim.output.image_files import read_image as read_image
 from warpsim.output.image_files import image_facts as image_facts
