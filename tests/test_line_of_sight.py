@@ -1,5 +1,8 @@
 """Lines of sight and triangulation: against ERFA, astropy, positions of targets, and draws of noise."""
 
+from dataclasses import replace
+
+import astropy.units as u
 import erfa
 import numpy as np
 import pytest
@@ -78,7 +81,7 @@ def test_projecting_is_the_inverse(frames):
 def test_earth_fixed_axes_are_those_of_astropy(scene, frames):
     inertial = frames.line_of_sight(60, "sat21", [64.0, 64.0], 3e6)
     fixed = frames.line_of_sight(60, "sat21", [64.0, 64.0], 3e6, axes="itrs")
-    when = scene.epoch + TimeDelta(inertial.time_s, format="sec")
+    when = scene.epoch + TimeDelta(inertial.time_s[0], format="sec")
     x, y, z = inertial.position_m[0]
     expected = GCRS(CartesianRepresentation(x, y, z, unit="m"), obstime=when).transform_to(ITRS(obstime=when))
     # Polar motion and UT1 are astropy's by tables, ours by the model of the scene: metres.
@@ -154,8 +157,42 @@ def test_bad_input_is_refused(scene, frames):
         (lambda: frames.line_of_sight(60, "sat11", [1.0, 2.0], axes="teme"), "axes: must be one of gcrs, itrs"),
         (lambda: frames.line_of_sight(99, "sat11", [1.0, 2.0]), "line_of_sight: frame 99 of 'sat11'"),
         (lambda: frames.project(60, "sat11", [np.nan, 0.0, 0.0]), "position_m: must be finite"),
+        (lambda: frames.project(60, "sat11", [1.0, 2.0]), "position_m: must have shape (n, 3) or (3,), got (2,)"),
+        (lambda: frames.line_of_sight(60, "sat11", "ab"), "xy_px: must be numbers"),
+        (lambda: ws.triangulate(line[0], 1e-4), "lines: must be a list of lines of sight"),
+        (lambda: ws.triangulate(line, 1e-4, time_s=np.nan), "time_s: must be finite"),
+        (lambda: ws.triangulate([replace(one, direction=-one.direction) for one in line], 1e-4), "lines[0]: goes away"),
     ]
     for call, message in cases:
         with pytest.raises(ws.InputError) as error:
             call()
         assert message in str(error.value) and "\n" not in str(error.value)
+
+
+def test_units_are_converted(frames):
+    plain = frames.line_of_sight(60, "sat11", [3.0, 4.0], 2e6)
+    with_units = frames.line_of_sight(60, "sat11", [3.0, 4.0] * u.pix, 2000.0 * u.km)
+    np.testing.assert_array_equal(plain.position_m, with_units.position_m)
+    xy, _ = frames.project(60, "sat11", plain.position_m / 1e3 * u.km)
+    np.testing.assert_allclose(xy, [[3.0, 4.0]], atol=1e-6)
+
+
+@pytest.mark.parametrize("line_time_s", [1e-3, -5e-3])
+def test_lines_of_rows_that_are_read_in_turn(scene, line_time_s):
+    """Targets were where their lines say at the time of their row; cameras that track, with an error of pointing."""
+    bias = {"urad": [300.0, -500.0]}
+    detector = {"detector__line_time_s": line_time_s, "camera__n_row": 64, "camera__n_col": 64}
+    rolled = scene.replace(**detector, pointing={"kind": "track", "bias": bias})
+    frames = ws.Renderer(rolled).render([60], sensors=["sat11", "sat21"], bands=["A"])
+    for sensor in frames.sensors:
+        rows = rows_of(frames, 60, sensor)
+        line = frames.line_of_sight(60, sensor, np.c_[rows["x_px"], rows["y_px"]], 1e3 * rows["range_km"])
+        np.testing.assert_allclose(line.time_s, rows["time_s"] + rows["row_time_s"], atol=1e-9)
+        for target, position, time_s in zip(rows["target"], line.position_m, line.emission_time_s, strict=True):
+            np.testing.assert_allclose(position, scene.position_m(target, [time_s])[0], atol=ROW_POSITION_M)
+        back, _ = frames.project(60, sensor, line.position_m)
+        np.testing.assert_allclose(back, np.c_[rows["x_px"], rows["y_px"]], atol=1e-3)
+
+
+ROW_POSITION_M = 1.0
+"""A path's series is within 1e-3 px, which is 0.5 m."""

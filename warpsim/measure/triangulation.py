@@ -20,6 +20,9 @@ Motion = Literal["still", "linear", "free_flight"]
 
 _POLE = (0.0, 0.0, 1.0)  # two-body gravity has none
 _N_STEP = 30
+_SETTLED_M = 1e-3
+"""Step at which the position is found."""
+
 _SMALL_M, _SMALL_M_S = 1.0, 1e-3
 """Steps of derivatives: straight lines are linear in both far beyond."""
 
@@ -79,6 +82,8 @@ def triangulate(
     if 2 * len(lines) < n_state:
         raise InputError(f"must be at least {n_state // 2} for {motion!r}", "lines", len(lines))
     start = _nearest_point(origin_m, direction)
+    if time_s is not None and not np.isfinite(time_s):
+        raise InputError("must be finite", "time_s", time_s)
     left_s = came_s - np.linalg.norm(start - origin_m, axis=1) / SPEED_OF_LIGHT_M_S
     when_s = float(left_s.mean()) if time_s is None else float(time_s)
     across = _across(direction)
@@ -90,14 +95,19 @@ def triangulate(
         away = _seen_from(values, origin_m, came_s, when_s, motion) - origin_m
         return np.asarray((np.einsum("nij,nj->ni", across, normalised(away)) / sigma[:, None]).ravel())
 
+    moved_m = np.inf
     for _ in range(_N_STEP):
         now = missed(state)
         jacobian = _derivatives(missed, state, scale)
         normal = _checked_normal(jacobian, lines)
         step = -np.linalg.solve(normal, jacobian.T @ now)
         state = state + step
-        if np.abs(step[:3]).max() < 1e-6:
+        moved_m = float(np.abs(step[:3]).max())
+        if not moved_m >= _SETTLED_M:
             break
+    if not moved_m < _SETTLED_M:
+        raise InputError("do not meet in one state by this motion: the steps do not end", "lines")
+    _check_in_front(_seen_from(state, origin_m, came_s, when_s, motion) - origin_m, direction, lines)
     jacobian, now = _derivatives(missed, state, scale), missed(state)
     covariance = np.asarray(np.linalg.inv(_checked_normal(jacobian, lines)), dtype=np.float64)
     residual = now.reshape(-1, 2) * sigma[:, None]
@@ -116,7 +126,10 @@ def _seen_from(state: F64, origin_m: F64, came_s: F64, when_s: float, motion: st
         if motion == "linear":
             position = state[:3] + since_s[:, None] * state[3:]
         else:
-            position = propagate(state[None, :3], state[None, 3:], since_s, "two_body", _POLE)[0][:, 0]
+            try:
+                position = propagate(state[None, :3], state[None, 3:], since_s, "two_body", _POLE)[0][:, 0]
+            except InputError:
+                raise InputError("do not meet in a state of free flight", "lines") from None
     return position
 
 
@@ -143,6 +156,14 @@ def _checked_normal(jacobian: F64, lines: Sequence[LineOfSight]) -> F64:
     return np.asarray(normal)
 
 
+def _check_in_front(away_m: F64, direction: F64, lines: Sequence[LineOfSight]) -> None:
+    """Raise where a body lies behind a sensor: lines that go apart meet there."""
+    behind = np.flatnonzero(np.einsum("ni,ni->n", away_m, direction) <= 0.0)
+    if behind.size:
+        number = int(behind[0])
+        raise InputError(f"goes away from where the others meet, behind {lines[number].sensor}", f"lines[{number}]")
+
+
 def _nearest_point(origin_m: F64, direction: F64) -> F64:
     """The point with the least sum of squared distances to lines."""
     across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
@@ -161,6 +182,8 @@ def _across(direction: F64) -> F64:
 
 def _checked(lines: Sequence[LineOfSight]) -> tuple[F64, F64, F64]:
     """Origins, directions and times of lines."""
+    if not isinstance(lines, list | tuple) or not all(isinstance(line, LineOfSight) for line in lines):
+        raise InputError("must be a list of lines of sight", "lines")
     if len(lines) < 2:
         raise InputError("must be at least 2", "lines", len(lines))
     for number, line in enumerate(lines):
@@ -168,12 +191,15 @@ def _checked(lines: Sequence[LineOfSight]) -> tuple[F64, F64, F64]:
             rule = f"must be of one direction, in GCRS axes, got {len(line.direction)} in {line.axes}"
             raise InputError(rule, f"lines[{number}]")
     origin, direction = (np.concatenate([getattr(line, name) for line in lines]) for name in ("origin_m", "direction"))
-    return origin, direction, np.array([line.time_s for line in lines])
+    return origin, direction, np.concatenate([line.time_s for line in lines])
 
 
 def _sigmas(sigma_rad: Any, count: int) -> F64:
     """Errors of so many lines."""
-    values = np.asarray(sigma_rad, dtype=np.float64)
+    try:
+        values = np.asarray(sigma_rad, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("must be numbers", "sigma_rad") from None
     if values.shape not in ((), (count,)) or not (np.isfinite(values) & (values > 0.0)).all():
         raise InputError(f"must be above 0, one number or {count} of them", "sigma_rad", sigma_rad)
     return np.broadcast_to(values, (count,))

@@ -154,7 +154,8 @@ class FrameSet:
 
         The camera's axes are those of the image, errors of pointing included; aberration is taken out, by the sensor's
         barycentric velocity and the Earth's, so that directions are geometric in the geocentric frame. Light took
-        range / c: what is seen was there at `emission_time_s`, and has moved on since.
+        range / c: what is seen was there at `emission_time_s`, and has moved on since. Where rows are read one after
+        the other (`line_time_s`), a line is that of the time of its row; jitter from row to row is not in it.
 
         Args:
             frame: One of `frames`.
@@ -174,7 +175,7 @@ class FrameSet:
     def project(
         self, frame: int, sensor: str, position_m: npt.ArrayLike
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-        """Positions in an image of light that left from places in space: the inverse of `line_of_sight`.
+        """Return where light falls in an image that left from positions in space: the inverse of `line_of_sight`.
 
         Args:
             frame: One of `frames`.
@@ -192,18 +193,8 @@ class FrameSet:
 
     def _geometry(self, what: str, frame: int, sensor: str) -> ViewGeometry:
         view, _ = self.image_numbers(what, frame, sensor, self.bands[0])
-        state = self._host.views[view]
-        time_s = float(self.time_s[self.frames.index(frame)])
-        axes, camera = np.asarray(state["axes"]), self.instrument.sensor.camera
-        return ViewGeometry(
-            self.scenario,
-            camera,
-            sensor,
-            time_s,
-            axes,
-            np.asarray(state["position_m"]),
-            np.asarray(state["velocity_m_s"]),
-        )
+        time_s, axes = float(self.time_s[self.frames.index(frame)]), np.asarray(self._host.views[view]["axes"])
+        return ViewGeometry(self.scenario, self.instrument, sensor, time_s, axes)
 
     @cached_property
     def truth(self) -> Table:

@@ -13,6 +13,7 @@ from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.orbit.earth import itrs_to_gcrs
 from warpsim.orbit.sun import earth_states
+from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.sky.apparent import apparent_direction
 
@@ -29,8 +30,8 @@ class LineOfSight:
     """
 
     sensor: str
-    time_s: float
-    """When the light came in, after the scene's epoch [s]."""
+    time_s: F64
+    """When the light came in, after the scene's epoch [s], (n,): in the middle of the exposure of its row."""
     origin_m: F64
     """Position of the sensor then [m], (n, 3)."""
     direction: F64
@@ -67,50 +68,105 @@ class LineOfSight:
 
 @dataclass(frozen=True)
 class ViewGeometry:
-    """Camera and state of the sensor of an image."""
+    """Camera and state of the sensor of an image.
+
+    Rows that are read one after the other have times of their own: the sensor's state is that of then, and the camera's
+    axes are the commanded ones of then with the error of pointing that the image has.
+    """
 
     scenario: Scenario
-    camera: Camera
+    instrument: Instrument
     sensor: str
     time_s: float
     axes_icrs: F64
     """Camera axes as rows, (3, 3)."""
-    position_m: F64
-    velocity_m_s: F64
-    """Barycentric."""
 
     def line_of_sight(self, xy_px: npt.ArrayLike, range_m: npt.ArrayLike | None, axes: str) -> LineOfSight:
         """As `FrameSet.line_of_sight` says."""
         if axes not in get_args(Axes):
             raise InputError(f"must be one of {', '.join(get_args(Axes))}", "axes", axes)
-        points = np.atleast_2d(np.asarray(xy_px, dtype=np.float64))
-        seen = self.camera.direction(points, self.axes_icrs)
-        direction = apparent_direction(apparent_direction(seen, -self.velocity_m_s), self._earth_velocity_m_s)
-        origin = np.tile(self.position_m, (len(points), 1))
+        points = _vectors("xy_px", xy_px, 2, "pix")
+        time_s, camera_axes = self._rows(points[:, 1])
+        origin, earth, barycentric = self._states(time_s)
+        seen = np.einsum("nj,nji->ni", self._camera.direction(points), camera_axes)
+        direction = apparent_direction(apparent_direction(seen, -barycentric), earth)
         distance = None if range_m is None else _ranges(range_m, len(points))
         if axes == "itrs":
-            to_gcrs = itrs_to_gcrs(self.scenario.epoch, self.time_s)
-            origin, direction = origin @ to_gcrs, direction @ to_gcrs
-            return LineOfSight(self.sensor, self.time_s, origin, direction, distance, "itrs")
-        return LineOfSight(self.sensor, self.time_s, origin, direction, distance)
+            to_gcrs = itrs_to_gcrs(self.scenario.epoch, time_s)
+            origin, direction = (np.einsum("nj,nji->ni", vectors, to_gcrs) for vectors in (origin, direction))
+            return LineOfSight(self.sensor, time_s, origin, direction, distance, "itrs")
+        return LineOfSight(self.sensor, time_s, origin, direction, distance)
 
     def project(self, position_m: npt.ArrayLike) -> tuple[F64, npt.NDArray[np.bool_]]:
         """As `FrameSet.project` says."""
-        away = np.atleast_2d(np.asarray(position_m, dtype=np.float64)) - self.position_m
-        length = np.linalg.norm(away, axis=-1, keepdims=True)
-        if not (np.isfinite(length) & (length > 0.0)).all():
-            raise InputError("must be finite, and not that of the sensor", "position_m")
-        seen = apparent_direction(apparent_direction(away / length, -self._earth_velocity_m_s), self.velocity_m_s)
-        return self.camera.project(seen, self.axes_icrs)
+        positions = _vectors("position_m", position_m, 3, "m")
+        xy = np.tile(np.asarray(self._camera.centre_px), (len(positions), 1))
+        for _ in range(_N_ROW_STEP if self._line_time_s else 1):
+            time_s, camera_axes = self._rows(np.nan_to_num(xy[:, 1]))
+            origin, earth, barycentric = self._states(time_s)
+            away = positions - origin
+            length = np.linalg.norm(away, axis=-1, keepdims=True)
+            if not (length > 0.0).all():
+                raise InputError("must not be that of the sensor", "position_m")
+            seen = apparent_direction(apparent_direction(away / length, -earth), barycentric)
+            xy, in_front = self._camera.project(np.einsum("nj,nij->ni", seen, camera_axes), np.eye(3))
+        return xy, in_front
 
     @property
-    def _earth_velocity_m_s(self) -> F64:
-        return np.asarray(earth_states(self.scenario.epoch, self.time_s).velocity_m_s)
+    def _camera(self) -> Camera:
+        return self.instrument.sensor.camera
+
+    @property
+    def _line_time_s(self) -> float:
+        return self.instrument.sensor.detector.line_time_s
+
+    def _rows(self, y_px: F64) -> tuple[F64, F64]:
+        """Times of rows after the epoch [s], (n,), and the camera's axes then, (n, 3, 3)."""
+        if not self._line_time_s:
+            return np.full(y_px.shape, self.time_s), np.broadcast_to(self.axes_icrs, (*y_px.shape, 3, 3))
+        inside = np.clip(y_px, -0.5, self._camera.n_row - 0.5)
+        time_s = self.time_s + (inside - self._camera.centre_px[1]) * self._line_time_s
+        sensor = self.instrument.index(self.sensor)
+        commanded = self.instrument.commanded_axes(sensor, np.append(time_s, self.time_s)).axes
+        return time_s, self.axes_icrs @ commanded[-1].T @ commanded[:-1]
+
+    def _states(self, time_s: F64) -> tuple[F64, F64, F64]:
+        """Position of the sensor, and barycentric velocities of the Earth and of the sensor, (n, 3) each."""
+        position, velocity = self.instrument.state(self.sensor, time_s)
+        earth = np.asarray(earth_states(self.scenario.epoch, time_s).velocity_m_s)
+        return position, earth, earth + velocity
+
+
+_N_ROW_STEP = 8
+"""Steps in which the row of a position is found: each leaves the movement from row to row of the error."""
+
+
+def _vectors(where: str, values: Any, size: int, unit: str) -> F64:
+    """Vectors, (n, size), of one vector or several, or a Quantity of them."""
+    if hasattr(values, "to_value"):
+        try:
+            values = values.to_value(unit)
+        except Exception:
+            raise InputError(f"must be convertible to {unit}", where) from None
+    try:
+        vectors = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"must be numbers, shape (n, {size}) or ({size},)", where) from None
+    if vectors.ndim not in (1, 2) or vectors.shape[-1] != size:
+        raise InputError(f"must have shape (n, {size}) or ({size},), got {vectors.shape}", where)
+    if not np.isfinite(vectors).all():
+        raise InputError("must be finite", where)
+    return np.atleast_2d(vectors)
 
 
 def _ranges(range_m: Any, count: int) -> F64:
     """Ranges of so many lines, one for all or one each."""
-    values = np.asarray(range_m, dtype=np.float64)
+    if hasattr(range_m, "to_value"):
+        range_m = range_m.to_value("m")
+    try:
+        values = np.asarray(range_m, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("must be numbers", "range_m") from None
     if values.shape not in ((), (count,)):
         raise InputError(f"must be one number, or {count} of them, got shape {values.shape}", "range_m")
     if not (np.isfinite(values) & (values >= 0.0)).all():
