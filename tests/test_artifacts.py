@@ -6,10 +6,12 @@ import warp as wp
 from astropy.io import fits
 from astropy.table import Table
 from scipy import stats
+from warpsim_kernels import artifacts as kernel_artifacts
 from warpsim_kernels.artifacts import Hits, Track, track_of
 
 import warpsim as ws
 from warpsim.cli import main
+from warpsim.detector.artifacts import LONGEST_TANGENT
 from warpsim.render.calibration import calibration_counts, detector_maps
 
 NEI = {"kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 3e-15, "exposure_s": 0.0}
@@ -253,10 +255,14 @@ def test_bad_descriptions_are_refused(detector, message):
         (HITS | {"rate_cm2_s": 1e12}, "hits.rate_cm2_s: must give at most 1e+06 hits in an image"),
     ],
 )
-def test_what_rendering_cannot_take_is_refused(hits, message):
+def test_hits_that_do_not_fit_the_camera_are_refused(hits, message):
     with pytest.raises(ws.InputError) as error:
-        ws.Renderer(scene_of(NEI | {"hits": hits})).render([0])
+        scene_of(NEI | {"hits": hits})
     assert message in str(error.value)
+
+
+def test_longest_tracks_are_those_of_the_kernel():
+    assert LONGEST_TANGENT == kernel_artifacts.LONGEST_TANGENT
 
 
 def test_quantities_are_converted():

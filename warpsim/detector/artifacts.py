@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic import model_validator
@@ -9,6 +10,9 @@ from pydantic import model_validator
 from warpsim.config.fields import Count, Number, Positive, closed_interval
 from warpsim.config.model import config_model, exactly_one
 from warpsim.errors import InputError
+
+LONGEST_TANGENT = 30.0
+"""Of the angle between a track and the normal; one hit in 900 is flatter and taken to be so steep."""
 
 MOST_HITS = 1e6
 """Mean hits of an image, at most."""
@@ -91,6 +95,40 @@ def check_artifacts(detector: Any) -> None:
             raise InputError(f"must be given for a detector {kind}, not {fields[other]}", f"{name}.{fields[unit]}")
     if detector.hits is not None and detector.hits.integration_s is None and detector.exposure_s == 0.0:
         raise InputError("must be given where exposure_s is 0", "hits.integration_s")
+
+
+@dataclass(frozen=True)
+class HitArea:
+    """The area through which particles that reach an array enter, in pixels, and how many in an image."""
+
+    size_um: tuple[float, float]
+    """Width and height of a pixel."""
+    margin_px: tuple[float, float]
+    """How far outside the array a track may begin, in widths and in heights of a pixel."""
+    mean: float
+    """Hits of an image, margin included."""
+
+
+def hit_area(detector: Any, camera: Any) -> HitArea:
+    """Return where particles enter that reach a camera's array, and how many do in an image.
+
+    Raises:
+        InputError: The width of pixels is not known, or there would be too many.
+    """
+    own, pitch_um = detector.hits, detector.hits.pixel_pitch_um
+    if pitch_um is None and camera.pixel_pitch_m is not None:
+        pitch_um = 1e6 * camera.pixel_pitch_m
+    if pitch_um is None:
+        raise InputError("must be given where the camera has no pixel_pitch_m", "detector.hits.pixel_pitch_um")
+    size_um = pitch_um, pitch_um * camera.pixel_aspect
+    margin = LONGEST_TANGENT * own.thickness_um / size_um[0], LONGEST_TANGENT * own.thickness_um / size_um[1]
+    across, down = camera.n_col + 2 * margin[0], camera.n_row + 2 * margin[1]
+    area_cm2 = 1e-8 * across * size_um[0] * down * size_um[1]
+    mean = own.rate_cm2_s * area_cm2 * (detector.exposure_s if own.integration_s is None else own.integration_s)
+    if mean > MOST_HITS:
+        rule = f"must give at most {MOST_HITS:g} hits in an image, gives {mean:.3g}"
+        raise InputError(rule, "detector.hits.rate_cm2_s", own.rate_cm2_s, "g")
+    return HitArea(size_um, margin, mean)
 
 
 def has_artifacts(detector: Any) -> bool:

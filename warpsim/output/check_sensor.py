@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
+from warpsim.detector.artifacts import hit_area
 from warpsim.detector.detectors import ElectronDetector, NeiDetector, detector_terms
 from warpsim.detector.levels import ElectronLevels, Levels
 from warpsim.detector.pixel_maps import read_maps
@@ -208,6 +209,8 @@ def _detector_lines(instrument: Instrument) -> list[str]:
         read_maps(detector.maps_file, instrument.names, bands, bands, (camera.n_row, camera.n_col), every=False)
     if terms:
         lines.append(f"  pixels     {', '.join(terms.values())}")
+    if detector.hits is not None:
+        lines.append(f"  hits       {hit_area(detector, camera).mean:.3g} of an image, those about the array included")
     pattern = ", ".join(f"{band} {nei:.3g}" for band, nei in _fixed_pattern(instrument).items())
     if pattern:
         lines.append(f"  pattern    {pattern} NEI rms over blank pixels, the same in every frame, besides the noise")

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.artifacts import LONGEST_TANGENT, Flicker, Hits
+from warpsim_kernels.artifacts import Flicker, Hits
 
-from warpsim.detector.artifacts import MOST_HITS, has_artifacts
+from warpsim.detector.artifacts import has_artifacts, hit_area
 from warpsim.detector.levels import ElectronLevels
-from warpsim.errors import InputError
 from warpsim.scene.instrument import Instrument
 from warpsim.streams import uniforms
 
@@ -44,9 +43,6 @@ def make_artifacts(
 
     Returns:
         None where it has neither.
-
-    Raises:
-        InputError: The width of pixels is not known, or there would be too many hits.
     """
     detector, camera = instrument.sensor.detector, instrument.sensor.camera
     if not has_artifacts(detector):
@@ -69,24 +65,12 @@ def _w_cm2(instrument: Instrument, band: str, electrons: float | None, nei: floa
 
 
 def _hits_struct(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> Any:
-    detector, camera = instrument.sensor.detector, instrument.sensor.camera
-    own = detector.hits
+    own = instrument.sensor.detector.hits
     assert own is not None
-    pitch_um = own.pixel_pitch_um
-    if pitch_um is None and camera.pixel_pitch_m is not None:
-        pitch_um = 1e6 * camera.pixel_pitch_m
-    if pitch_um is None:
-        raise InputError("must be given where the camera has no pixel_pitch_m", "detector.hits.pixel_pitch_um")
-    size_um = np.array([pitch_um, pitch_um * camera.pixel_aspect])
-    margin_px = LONGEST_TANGENT * own.thickness_um / size_um
-    area_cm2 = 1e-8 * np.prod((np.array([camera.n_col, camera.n_row]) + 2 * margin_px) * size_um)
-    integration_s = detector.exposure_s if own.integration_s is None else own.integration_s
+    area = hit_area(instrument.sensor.detector, instrument.sensor.camera)
     struct: Any = Hits()
-    struct.mean = own.rate_cm2_s * float(area_cm2) * integration_s
-    if struct.mean > MOST_HITS:
-        rule = f"must give at most {MOST_HITS:g} hits in an image, gives {struct.mean:.3g}"
-        raise InputError(rule, "detector.hits.rate_cm2_s", own.rate_cm2_s, "g")
-    struct.margin_px, struct.thickness_px = wp.vec2d(*margin_px), wp.vec2d(*(own.thickness_um / size_um))
+    struct.mean, struct.margin_px = area.mean, wp.vec2d(*area.margin_px)
+    struct.thickness_px = wp.vec2d(*(own.thickness_um / size for size in area.size_um))
     struct.landau_width = own.landau_width
     charges = (None if mean is None else mean * own.thickness_um for mean in (own.e_per_um, own.nei_per_um))
     electrons, nei = charges

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from warpsim.detector.artifacts import hit_area
 from warpsim.detector.levels import levels
 from warpsim.errors import InputError, errors_at
 from warpsim.instant import Instant, instant, instant_after
@@ -79,6 +80,8 @@ def check_sensors(constellation: AnyConstellation, sensors: Sequence[Sensor], fr
                 raise InputError(rule, "detector.line_time_s", line_s, "g")
             if satellites is not None:
                 check_satellites(sensor, satellites)
+            if sensor.detector.hits is not None:
+                hit_area(sensor.detector, sensor.camera)
         names.add(sensor.name)
 
 
