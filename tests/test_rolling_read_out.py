@@ -210,7 +210,7 @@ def test_tdi_smears_by_a_pixel_along_columns(scene, device, field, pointings, li
         along = sum(0.5 * w * fractions(N_ROW, star["y_px"] + 0.5 * t) for t, w in zip(node, weight, strict=True))
         expected += star["irradiance_w_cm2"][0] * along[:, None] * across
     error = np.abs(signal[0] - expected).max() / found.stars["irradiance_w_cm2"].max()
-    record_accuracy("Smear of TDI by a pixel", error, BOX_ATOL, "of the flux", "error functions")
+    record_accuracy("Blur of TDI by a pixel", error, BOX_ATOL, "of the flux", "error functions")
     np.testing.assert_allclose(found.stars["dy_px"], -np.sign(line_s), rtol=0, atol=0.02)
 
 

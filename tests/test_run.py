@@ -677,3 +677,23 @@ def test_killed_amid_images_and_arrays_then_completed(tmp_path, checkout_environ
     assert "images kept from before" in result.stdout
     assert files_of(killed) == expected
     assert not list(killed.rglob(".*"))
+
+
+@pytest.mark.ci
+def test_stars_of_kinds_with_other_bands(tmp_path):
+    """A star's row has the bands of all kinds, and light in those of its own sensor."""
+    scene = ws.Scene.load("two_cameras")
+    kinds = scene.scenario.instruments
+    sensors = [instrument.names[0] for instrument in kinds.values()]
+    ws.render_to_folder(scene, tmp_path / "run", [0, 1], sensors, stars=True, every_frame=True, device="cpu")
+    table = Table.read(tmp_path / "run" / "stars.fits")
+    bands = table.meta["BANDS"].split(",")
+    assert bands == list(dict.fromkeys(band for instrument in kinds.values() for band in instrument.bands))
+    for sensor, instrument in zip(sensors, kinds.values(), strict=True):
+        frames = ws.Renderer(scene, device="cpu").render([0, 1], [sensor], keep_stars=True)
+        own = table[np.asarray(table["sensor"]).astype(str) == sensor]
+        mine = [bands.index(band) for band in instrument.bands]
+        np.testing.assert_array_equal(own["irradiance_w_cm2"][:, mine], frames.stars["irradiance_w_cm2"])
+        others = np.setdiff1d(np.arange(len(bands)), mine)
+        assert np.isnan(np.ma.filled(np.ma.asarray(own["snr"][:, others], dtype=float), np.nan)).all()
+    assert len(table) > 0 and len(bands) > len(next(iter(kinds.values())).bands)

@@ -35,6 +35,7 @@ from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts, satnet_rec
 from warpsim.labels.table import label_table, read_parquet, write_parquet
 from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.output.dates import utc_dates
+from warpsim.output.joined_tables import joined_tables
 from warpsim.output.output_folder import PARTS, RUN, CheckpointRecord, OutputFolder, difference
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
@@ -123,12 +124,10 @@ class _ShardTables:
             self._write(self._shard.sequences[0])
 
     def _write(self, sequence: int) -> None:
-        from astropy.table import vstack
-
         for name, parts in self._parts.items():
             path = self._folder / table_path(self._recipe, self._shard, sequence, name)
             path.parent.mkdir(parents=True, exist_ok=True)
-            table = vstack(parts, metadata_conflicts="silent") if len(parts) > 1 else parts[0]
+            table = joined_tables(parts)
             write_parquet(table, path, {"table": name})
         self._parts = {}
 

@@ -21,6 +21,7 @@ from warpsim.output.contact_sheet import SheetRow, draw_contact_sheet
 from warpsim.output.fits_header import Views
 from warpsim.output.formats import Images
 from warpsim.output.growing import GrowingFiles
+from warpsim.output.joined_tables import joined_tables
 from warpsim.output.manifest import made_with, response_facts
 from warpsim.output.output_folder import FINISH, PARTS, CheckpointRecord, OutputFolder
 from warpsim.output.plan import SHEET, USUAL_FORMATS, RunPlan, make_plan, maps_name, part_name
@@ -247,7 +248,7 @@ class Run:
 
     def finish(self, folder: OutputFolder, records: dict[str, CheckpointRecord]) -> dict[str, Any]:
         """Write the tables of all sensors and the contact sheet."""
-        from astropy.table import Table, vstack
+        from astropy.table import Table
 
         plan = self.plan
         names = [*plan.table_names, SHEET]
@@ -257,7 +258,7 @@ class Run:
             home = part_name("", table, 0).rpartition("/")[0]
             names_of = (sorted(records[sensor]["files"]) for sensor in plan.frames_of)
             parts = [name for names_of_sensor in names_of for name in names_of_sensor if name.startswith(f"{home}/")]
-            joined[table] = vstack([Table.read(folder.path / name) for name in parts], metadata_conflicts="silent")
+            joined[table] = joined_tables([Table.read(folder.path / name) for name in parts])
             with whole_file(folder.path / f"{table}.fits") as partial:
                 write_fits_table(joined[table], partial)
         self._draw_sheet(folder.path, joined["truth"])

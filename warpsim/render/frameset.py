@@ -218,7 +218,7 @@ class FrameSet:
 
     @cached_property
     def artifacts(self) -> Table:
-        """One row per pixel of an image that a radiation hit or a flickering pixel changes (astropy Table).
+        """One row per pixel of an image with charge of a radiation hit, or that flickers and is on (astropy Table).
 
         Columns: frame, sensor, band, kind ("hit" or "flicker"), x_px and y_px (column and row), irradiance_w_cm2, that
         which would give the same charge, and of a detector in electrons charge_e.
