@@ -29,7 +29,7 @@ LINES = {
         "Streak of a Gaussian",
         "Streak of an Airy pattern",
         "Rows read in turn",
-        "Smear of TDI by a pixel",
+        "Blur of TDI by a pixel",
         "Pixels of a scene",
         "Centroid of a target's light from its label",
         "Star and target of the same path and light",
