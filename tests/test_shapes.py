@@ -344,3 +344,21 @@ def test_facets_of_a_scene_stand_once_and_give_the_same_areas(device):
         np.testing.assert_allclose(area.numpy(), shape.reflected_area_m2(view, sun), rtol=1e-13, atol=1e-15)
     with pytest.raises(ws.InputError, match="a mesh can be used only with the facets of its scene"):
         body_struct(box)
+
+
+def test_a_body_with_facets_needs_no_code_of_its_own():
+    """Its struct, its facets and its drawing are those of the mesh of the same surface."""
+    from types import SimpleNamespace
+
+    from warpsim.plot.group_figure import drawn_facets
+    from warpsim.target.areas import body_struct, facets_of
+
+    vertices = np.concatenate([np.eye(3), -np.eye(3)])
+    faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
+    mesh = ws.Mesh(vertices_m=vertices.tolist(), faces=faces)
+    own = SimpleNamespace(kind="octahedron", surface=mesh.surface)
+    assert facets_of([own, mesh]).count == facets_of([mesh, mesh]).count
+    assert body_struct(own, 1).n_facet == body_struct(mesh, 1).n_facet == 8
+    np.testing.assert_array_equal(drawn_facets(own), drawn_facets(mesh))
+    with pytest.raises(ws.InputError, match="shape: has no areas in the kernels"):
+        body_struct(SimpleNamespace(kind="cube", radius_m=1.0, height_m=2.0))

@@ -27,7 +27,7 @@ from warpsim.quaternion import rotated
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 from warpsim.scene.tracks import Tracks
-from warpsim.target.areas import top_radius_m
+from warpsim.target.areas import has_facets, top_radius_m
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -219,7 +219,7 @@ def drawn_facets(shape: Any) -> F64:
 
     Corners in body axes, shape (n, 4, 3), seen from outside counter-clockwise, a triangle's last one twice.
     """
-    if shape.kind == "mesh":
+    if has_facets(shape):
         corners = shape.surface.vertices_m[shape.surface.faces][:, [0, 1, 2, 2]]
         corners = corners - (corners.max(axis=(0, 1)) + corners.min(axis=(0, 1))) / 2
     elif shape.kind == "plate":  # both faces in quarters: one of them is dark, so that a turn shows
@@ -277,8 +277,8 @@ def _draw_body(ax: Axes, shape: Any, rotation: F64, centre: F64, colour: str) ->
 
 
 def _dimensions(shape: Any) -> str:
-    if shape.kind == "mesh":
-        return "mesh, " + " x ".join(f"{size:.3g}" for size in np.ptp(shape.surface.vertices_m, axis=0)) + " m"
+    if has_facets(shape):
+        return f"{shape.kind}, " + " x ".join(f"{size:.3g}" for size in np.ptp(shape.surface.vertices_m, axis=0)) + " m"
     if shape.kind == "plate":
         return f"plate, {shape.width_m:.4g} x {shape.length_m:.4g} m"
     radius = f"{shape.radius_m:.4g}" + (f" to {shape.top_radius_m:.4g}" if shape.kind == "frustum" else "")

@@ -112,6 +112,11 @@ def directions(name: str, value: npt.ArrayLike) -> F64:
     return np.asarray(vectors / length)
 
 
+def has_facets(shape: Any) -> bool:
+    """Return whether a shape is known by the facets of its `surface` (`ClosedSurface`), as a mesh is."""
+    return hasattr(shape, "surface")
+
+
 def top_radius_m(shape: Any) -> float:
     """Radius of the flat end towards +z of a cylinder, cone or frustum [m]."""
     return float({"cylinder": shape.radius_m, "cone": 0.0}.get(shape.kind, getattr(shape, "top_radius_m", 0.0)))
@@ -125,7 +130,7 @@ def body_struct(shape: Any, first_facet: int | None = None) -> Any:
     if shape.kind == "sphere":
         body.radius_m = shape.radius_m
         return body
-    if shape.kind == "mesh":
+    if has_facets(shape):
         if first_facet is None:
             raise InputError("a mesh can be used only with the facets of its scene", "shape")
         body.first_facet, body.n_facet = first_facet, len(shape.surface.area_m2)
@@ -133,6 +138,8 @@ def body_struct(shape: Any, first_facet: int | None = None) -> Any:
     if shape.kind == "plate":
         body.top_m2 = body.base_m2 = shape.width_m * shape.length_m
         return body
+    if shape.kind not in ("cylinder", "cone", "frustum"):
+        raise InputError("has no areas in the kernels", "shape", shape.kind)
     radius_m, height_m = shape.radius_m, shape.height_m
     top_m = top_radius_m(shape)
     slant_m = float(np.hypot(height_m, radius_m - top_m))
@@ -164,7 +171,7 @@ def facets_of(shapes: Sequence[Any], device: Any = None) -> FacetTable:
     first_of: dict[bytes, int] = {}
     first, count, total = [], [], 1
     for shape in shapes:
-        if shape.kind != "mesh":
+        if not has_facets(shape):
             first.append(0)
             count.append(0)
             continue
