@@ -19,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.quaternion import conjugate, rotated
-from warpsim.target.areas import has_facets
 from warpsim.target.attitude import BodyMotion, turns
 from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.temperature import interpolated
@@ -98,7 +97,7 @@ class RotatingArea:
             return {}
         motion = self.attitudes[0].attitude
         rates = {"precession": motion.precession_rev_s, "rolling": motion.rolling_rev_s}
-        return rates | ({"spin": motion.spin_rev_s} if has_facets(self.shape) else {})
+        return rates | ({"spin": motion.spin_rev_s} if self.shape.kind == "mesh" else {})
 
     @cached_property
     def _fast(self) -> list[str]:
@@ -146,7 +145,7 @@ def _turned_back(a: F64, b: F64, angle: F64) -> tuple[F64, F64]:
 
 def projected_area_m2(shape: Any, direction: F64) -> F64:
     """Projected area towards unit vectors in body axes [m2], (..., 3) to (...)."""
-    if has_facets(shape):
+    if shape.kind == "mesh":
         return np.asarray(shape.projected_area_along_m2(direction))
     aspect = np.arctan2(np.hypot(direction[..., 0], direction[..., 1]), direction[..., 2])
     return np.asarray(shape.projected_area_m2(aspect))
