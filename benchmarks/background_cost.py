@@ -45,11 +45,13 @@ def costs(n_pixel: int, down: bool) -> dict[str, float]:
         if down
         else work.scene
     )
-    renderers = {
-        name: ws.Renderer(scene.replace(**change), "cpu", n_thread=1, catalog=work.catalog)
-        for name, change in TERMS.items()
-    }
-    times: dict[str, list[float]] = {name: [] for name in TERMS}
+    return us_an_image(work, {name: scene.replace(**change) for name, change in TERMS.items()})
+
+
+def us_an_image(work: Any, scenes: dict[str, ws.Scene]) -> dict[str, float]:
+    """Median processor time of one thread for an image of each scene, by turns [us]."""
+    renderers = {name: ws.Renderer(scene, "cpu", n_thread=1, catalog=work.catalog) for name, scene in scenes.items()}
+    times: dict[str, list[float]] = {name: [] for name in scenes}
     for number in range(ROUNDS + 2):
         for name, renderer in renderers.items():
             before = time.process_time()

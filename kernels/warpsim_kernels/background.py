@@ -20,7 +20,7 @@ HIGHEST_KM = wp.constant(400.0)
 ASTRONOMICAL_UNIT_M = wp.constant(wp.float64(149597870700.0))
 
 NARROW_KM = wp.constant(0.5)
-"""Heights within which the limb hardly bends."""
+"""Heights within which the limb is nearly straight."""
 
 SPEED_OF_LIGHT_M_S = wp.constant(wp.float64(299792458.0))
 
@@ -103,26 +103,26 @@ class Background:
 
 
 @wp.func
-def sun_place(sun: SunPath, time_s: wp.float64) -> wp.float64:
-    """Where a time is among the nodes of the Sun's path."""
+def sun_index(sun: SunPath, time_s: wp.float64) -> wp.float64:
+    """Index of a time among the nodes of the Sun's path, with its fraction."""
     return wp.clamp((time_s - sun.start_s) / sun.step_s, wp.float64(0.0), wp.float64(sun.direction.shape[0] - 1))
 
 
 @wp.func
 def sun_direction(sun: SunPath, time_s: wp.float64) -> wp.vec3d:
     """Direction of the Sun at a time."""
-    place = sun_place(sun, time_s)
-    node = wp.min(int(place), sun.direction.shape[0] - 2)
-    part = place - wp.float64(node)
+    index = sun_index(sun, time_s)
+    node = wp.min(int(index), sun.direction.shape[0] - 2)
+    part = index - wp.float64(node)
     return wp.normalize(sun.direction[node] * (wp.float64(1.0) - part) + sun.direction[node + 1] * part)
 
 
 @wp.func
 def sun_strength(sun: SunPath, time_s: wp.float64) -> float:
     """Sunlight at the Earth over that at 1 au."""
-    place = sun_place(sun, time_s)
-    node = wp.min(int(place), sun.strength.shape[0] - 2)
-    return wp.lerp(sun.strength[node], sun.strength[node + 1], float(place - wp.float64(node)))
+    index = sun_index(sun, time_s)
+    node = wp.min(int(index), sun.strength.shape[0] - 2)
+    return wp.lerp(sun.strength[node], sun.strength[node + 1], float(index - wp.float64(node)))
 
 
 @wp.func
@@ -139,7 +139,7 @@ def turned_back(sun: SunPath, now: wp.vec3d, direction: wp.vec3d) -> wp.vec3d:
 
 @wp.func
 def plate_radiance(plates: SkyPlates, plate: int, band: int, seen: wp.vec3d) -> float:
-    """Radiance at a place on a plate, bilinear; `seen` is in its axes [W/cm2/sr]."""
+    """Radiance at a position on a plate, bilinear; `seen` is in its axes [W/cm2/sr]."""
     n = plates.n_side[plate]
     scale = wp.float64(n - 1) / (wp.float64(2.0) * plates.half_width[plate])
     x = (seen[0] / seen[2] + plates.half_width[plate]) * scale
@@ -185,11 +185,11 @@ def earth_geometry(earth: EarthShine, position_m: wp.vec3d, direction: wp.vec3d,
     height = wp.length(nearest) - earth.radius_km
     if along <= wp.float64(0.0):
         return wp.vec2d(wp.float64(HIGHEST_KM), wp.float64(0.0))
-    place = nearest
+    point = nearest
     if height < wp.float64(0.0):
-        place = nearest - line * wp.sqrt(-height * (wp.length(nearest) + earth.radius_km))
+        point = nearest - line * wp.sqrt(-height * (wp.length(nearest) + earth.radius_km))
     stretched = wp.max(wp.length(as_sphere(earth, wp.normalize(nearest))), wp.float64(1.0))  # of heights there
-    return wp.vec2d(wp.min(height / stretched, wp.float64(HIGHEST_KM)), wp.dot(wp.normalize(place), sun))
+    return wp.vec2d(wp.min(height / stretched, wp.float64(HIGHEST_KM)), wp.dot(wp.normalize(point), sun))
 
 
 @wp.func
@@ -200,11 +200,11 @@ def column_above(earth: EarthShine, band: int, term: int, height_km: float) -> f
     """
     if height_km <= 0.0:
         return earth.above_km_w_cm2_sr[band, term, 0] - earth.limb_w_cm2_sr[band, term, 0] * height_km
-    place = height_km / earth.step_km
-    node = int(place)
+    steps = height_km / earth.step_km
+    node = int(steps)
     if node >= earth.n_height - 1:
         return 0.0
-    part = place - float(node)
+    part = steps - float(node)
     low, high = earth.limb_w_cm2_sr[band, term, node], earth.limb_w_cm2_sr[band, term, node + 1]
     rest = 0.5 * (1.0 - part) * (wp.lerp(low, high, part) + high)
     return earth.above_km_w_cm2_sr[band, term, node + 1] + earth.step_km * rest
@@ -273,9 +273,9 @@ def angle_between(a: wp.vec3d, b: wp.vec3d) -> float:
 @wp.func
 def moon_position(stray: StrayLight, sun: SunPath, time_s: wp.float64) -> wp.vec3d:
     """Geocentric position of the Moon at a time [m]."""
-    place = sun_place(sun, time_s)
-    node = wp.min(int(place), stray.moon_m.shape[0] - 2)
-    part = place - wp.float64(node)
+    index = sun_index(sun, time_s)
+    node = wp.min(int(index), stray.moon_m.shape[0] - 2)
+    part = index - wp.float64(node)
     return stray.moon_m[node] * (wp.float64(1.0) - part) + stray.moon_m[node + 1] * part
 
 
@@ -411,14 +411,14 @@ def stray_light_kernel(
         radii = wp.length(from_moon) / stray.moon_radius_m
         ratio_moon = stray_ratio(stray, boresight, -wp.normalize(from_moon)) / float(radii * radii)
     phase = angle_between(sun * ASTRONOMICAL_UNIT_M + from_moon - position, from_moon)
-    place = phase / wp.PI * float(stray.moon_w_cm2.shape[1] - 1)
-    node = wp.min(int(place), stray.moon_w_cm2.shape[1] - 2)
+    index = phase / wp.PI * float(stray.moon_w_cm2.shape[1] - 1)
+    node = wp.min(int(index), stray.moon_w_cm2.shape[1] - 2)
     of_earth, strength = wp.vec2(0.0, 0.0), sun_strength(background.sun, time_s[view])
     if stray.earth:
         of_earth = stray_of_earth(stray, earth_cap(earth, position, boresight, sun))
     for band in range(stray_w_cm2_sr.shape[1]):
         disc = earth.disc_w_cm2_sr[band]
-        of_moon = wp.lerp(stray.moon_w_cm2[band, node], stray.moon_w_cm2[band, node + 1], place - float(node))
+        of_moon = wp.lerp(stray.moon_w_cm2[band, node], stray.moon_w_cm2[band, node + 1], index - float(node))
         bodies = ratio_sun * strength * stray.sun_w_cm2[band] + ratio_moon * of_moon
         stray_w_cm2_sr[view, band] = bodies + of_earth[0] * disc[0] + of_earth[1] * strength * disc[1]
 
@@ -445,9 +445,9 @@ def make_background_nodes_kernel(earth: bool, stray: bool) -> wp.Kernel:
         sun = sun_direction(background.sun, time_s[view])
         sunward = turned_back(background.sun, sun, direction)
         if wp.static(earth):
-            place = earth_geometry(background.earth, seen.position_m, apparent, sun)
-            earth_km[view, 0, node] = float(place[0])
-            earth_km[view, 1, node] = float(place[1]) * sun_strength(background.sun, time_s[view])
+            geometry = earth_geometry(background.earth, seen.position_m, apparent, sun)
+            earth_km[view, 0, node] = float(geometry[0])
+            earth_km[view, 1, node] = float(geometry[1]) * sun_strength(background.sun, time_s[view])
         for band in range(sky_w_cm2.shape[1]):
             radiance = sky_radiance(background.plates, band, direction, sunward)
             if wp.static(stray):
@@ -505,7 +505,7 @@ def add_disc(
     n_pixel: int,
     signal_w_cm2: wp.array[float],
 ):
-    """Put the disc in the place of the sky in pixels of a row of a cell that all lie on it."""
+    """Replace the sky by the disc in pixels of a row of a cell that all lie on it."""
     area = along_row(background.pixel_sr, background, node, v)
     emitted, reflected = background.earth.disc_w_cm2_sr[band, 0], background.earth.disc_w_cm2_sr[band, 1]
     for pixel in range(n_pixel):
@@ -517,7 +517,7 @@ def add_disc(
 
 @wp.func
 def earth_at(background: Background, earth_km: wp.array2d[float], band: int, node: int, u: float, v: float) -> wp.vec2:
-    """Radiance of the Earth at a place in a cell, u of the way across, v down [W/cm2/sr], and how much it covers."""
+    """Radiance of the Earth at a position in a cell, u of the way across, v down [W/cm2/sr], and how much it covers."""
     heights, cosines = earth_km[0], earth_km[1]
     n, step = background.n_across, float(background.step_px)
     left, right = wp.lerp(heights[node], heights[node + n], v), wp.lerp(heights[node + 1], heights[node + n + 1], v)

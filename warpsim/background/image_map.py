@@ -98,10 +98,10 @@ def _lookup(image: Array, wcs: Any, coarse: int) -> Callable[[Array], Array]:
 
     n_row, n_col = image.shape
     finite = np.isfinite(image)
-    share = finite.astype(np.float64)
+    weight = finite.astype(np.float64)
     light = np.where(finite, image, 0.0)
     if coarse > 1:
-        light, share = (uniform_filter(part, coarse, mode="nearest") for part in (light, share))
+        light, weight = (uniform_filter(part, coarse, mode="nearest") for part in (light, weight))
     turns = _turns_px(wcs)
 
     def values_of(direction: Array) -> Array:
@@ -114,8 +114,8 @@ def _lookup(image: Array, wcs: Any, coarse: int) -> Callable[[Array], Array]:
             u, v = x + across, y + down
             inside = (u >= -_EDGE_PX) & (u <= n_col - 1 + _EDGE_PX) & (v >= -_EDGE_PX) & (v <= n_row - 1 + _EDGE_PX)
             inside &= left
-            place = [v[inside], u[inside]]
-            found, known = (map_coordinates(part, place, order=1, mode="nearest") for part in (light, share))
+            position = [v[inside], u[inside]]
+            found, known = (map_coordinates(part, position, order=1, mode="nearest") for part in (light, weight))
             values[inside] = np.divide(found, known, out=np.zeros_like(found), where=known > 1e-9)
             left &= ~inside
         return values

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 
-PLACE = "{sensor}"
+SENSOR_FIELD = "{sensor}"
 """Stands for the name of a sensor in the name of a file."""
 
 LARGEST_GAIN = 4.0
@@ -33,7 +33,7 @@ class PixelMaps:
 
 def maps_path(file: str, sensor: str) -> Path:
     """Return the path of the maps of a sensor."""
-    return Path(file.replace(PLACE, sensor))
+    return Path(file.replace(SENSOR_FIELD, sensor))
 
 
 def read_maps(
@@ -58,15 +58,15 @@ def read_maps(
         InputError: No such file, none of these extensions, another shape, or a value out of range.
     """
     found = []
-    for path in [maps_path(file, sensor) for sensor in sensors] if PLACE in file else [Path(file)]:
-        missing = not every and PLACE in file and not path.is_file()
+    for path in [maps_path(file, sensor) for sensor in sensors] if SENSOR_FIELD in file else [Path(file)]:
+        missing = not every and SENSOR_FIELD in file and not path.is_file()
         found.append(_planes({}, bands, shape) if missing else _maps_of(path, bands, known, shape))
     return PixelMaps(*(np.stack(values) for values in zip(*found, strict=True)))
 
 
 def check_maps_files(file: str | None, sensors: Sequence[str]) -> None:
     """Check that each of some sensors has its file of maps; InputError otherwise."""
-    if file is None or PLACE not in file:
+    if file is None or SENSOR_FIELD not in file:
         return
     for sensor in sensors:
         if not (path := maps_path(file, sensor)).is_file():

@@ -19,9 +19,8 @@ F64 = npt.NDArray[np.float64]
 Motion = Literal["still", "linear", "free_flight"]
 
 _POLE = (0.0, 0.0, 1.0)  # two-body gravity has none
-_N_STEP = 30
-_SETTLED_M = 1e-3
-"""Step at which the position is found."""
+_TOL = 1e-13
+"""Relative changes of state and residuals at which the fit ends."""
 
 _SMALL_M, _SMALL_M_S = 1.0, 1e-3
 """Steps of derivatives: straight lines are linear in both far beyond."""
@@ -58,11 +57,10 @@ def triangulate(
 ) -> Triangulation:
     """Find where a body was from lines of sight of several sensors, or times.
 
-    Least squares over the angles across each line, by Gauss and Newton. Light left the body at different times for
-    different sensors, one range / c before it came in: a body at 7 km/s moves 23 m in the light time of 1000 km. With
-    "linear" or "free_flight" its velocity is found too, and each line is held to where the body was then; lines of one
-    time know the velocity from these few milliseconds only, so lines of several times are needed. With "still" its
-    motion meanwhile is an error of so many metres.
+    Least squares over the angles across each line. Light left the body one range / c before it came in, at other times
+    for other sensors: a body at 7 km/s moves 23 m in the light time of 1000 km. With "linear" or "free_flight" its
+    velocity is found too, and each line is held to where the body was then; lines of one time know the velocity from
+    these few milliseconds only. With "still" its motion meanwhile is an error of so many metres.
 
     Args:
         lines: One line of sight each, of one direction, in GCRS axes; of at least two.
@@ -71,9 +69,11 @@ def triangulate(
         time_s: When the state is asked for, after the epoch [s]; the mean time of emission when left out.
 
     Raises:
-        InputError: Too few lines, a line of several directions or in other axes, an error that is not above 0, or lines
-            that leave a direction undetermined (parallel ones, or of one time where velocity is asked for).
+        InputError: Too few lines, a line of several directions or in other axes, an error that is not above 0, lines
+            that leave a direction undetermined, that go apart, or that do not meet in one state by the motion.
     """
+    from scipy.optimize import least_squares
+
     origin_m, direction, came_s = _checked(lines)
     sigma = _sigmas(sigma_rad, len(lines))
     if motion not in get_args(Motion):
@@ -87,7 +87,7 @@ def triangulate(
     left_s = came_s - np.linalg.norm(start - origin_m, axis=1) / SPEED_OF_LIGHT_M_S
     when_s = float(left_s.mean()) if time_s is None else float(time_s)
     across = _across(direction)
-    state = np.concatenate([start, np.zeros(n_state - 3)])
+    begin = np.concatenate([start, np.zeros(n_state - 3)])
     scale = np.array([_SMALL_M] * 3 + [_SMALL_M_S] * (n_state - 3))
 
     def missed(values: F64) -> F64:
@@ -95,25 +95,20 @@ def triangulate(
         away = _seen_from(values, origin_m, came_s, when_s, motion) - origin_m
         return np.asarray((np.einsum("nij,nj->ni", across, normalised(away)) / sigma[:, None]).ravel())
 
-    moved_m = np.inf
-    for _ in range(_N_STEP):
-        now = missed(state)
-        jacobian = _derivatives(missed, state, scale)
-        normal = _checked_normal(jacobian, lines)
-        step = -np.linalg.solve(normal, jacobian.T @ now)
-        state = state + step
-        moved_m = float(np.abs(step[:3]).max())
-        if not moved_m >= _SETTLED_M:
-            break
-    if not moved_m < _SETTLED_M:
+    def derivatives(values: F64) -> F64:
+        return _derivatives(missed, values, scale)
+
+    _checked_normal(derivatives(begin), lines)
+    fit = least_squares(missed, begin, derivatives, method="lm", x_scale="jac", xtol=_TOL, ftol=_TOL, gtol=_TOL)
+    if not fit.success:
         raise InputError("do not meet in one state by this motion: the steps do not end", "lines")
+    state: F64 = fit.x
     _check_in_front(_seen_from(state, origin_m, came_s, when_s, motion) - origin_m, direction, lines)
-    jacobian, now = _derivatives(missed, state, scale), missed(state)
-    covariance = np.asarray(np.linalg.inv(_checked_normal(jacobian, lines)), dtype=np.float64)
-    residual = now.reshape(-1, 2) * sigma[:, None]
+    covariance = np.asarray(np.linalg.inv(_checked_normal(fit.jac, lines)), dtype=np.float64)
+    residual = fit.fun.reshape(-1, 2) * sigma[:, None]
     velocity = None if motion == "still" else state[3:]
-    freedom = 2 * len(lines) - n_state
-    return Triangulation(when_s, state[:3], velocity, covariance, residual, freedom, float(now @ now))
+    fitted = 2 * len(lines) - n_state, float(fit.fun @ fit.fun)
+    return Triangulation(when_s, state[:3], velocity, covariance, residual, *fitted)
 
 
 def _seen_from(state: F64, origin_m: F64, came_s: F64, when_s: float, motion: str) -> F64:

@@ -20,12 +20,23 @@ if TYPE_CHECKING:
     from astropy.table import Table
 
 
-def artifact_images(own: DeviceArtifacts, frame: int, sensor: int, kind: int) -> npt.NDArray[np.float32]:
-    """Return the charge of one kind of artifact in the images of a view, as irradiance, (n_band, n_row, n_col)."""
-    device, n_band = own.key.device, len(own.band_id)
-    signal = new_signal((1, n_band, own.n_row, own.n_col), device)
-    artifacts(own, new_inputs(device, [0.0], [frame], [sensor]), signal, kind).run()
-    return np.asarray(to_numpy(signal.images)[0])
+KINDS = {HIT: "hit", FLICKER: "flicker"}
+"""Words of the bits of artifact masks."""
+
+
+def artifact_images(own: DeviceArtifacts, frame: int, sensor: int) -> dict[int, npt.NDArray[np.float32]]:
+    """Return the charge of each kind of artifact that a detector has in the images of a view, as irradiance [W/cm2].
+
+    By bit of artifact masks, (n_band, n_row, n_col) each.
+    """
+    device, shape = own.key.device, (1, len(own.band_id), own.n_row, own.n_col)
+    inputs, images = new_inputs(device, [0.0], [frame], [sensor]), {}
+    for kind, struct in ((HIT, own.hits), (FLICKER, own.flicker)):
+        if struct is not None:
+            signal = new_signal(shape, device)
+            artifacts(own, inputs, signal, kind).run()
+            images[kind] = np.asarray(to_numpy(signal.images)[0])
+    return images
 
 
 def artifact_table(
@@ -46,11 +57,10 @@ def artifact_table(
     for number in frames if own is not None else ():
         for sensor in sensors:
             assert own is not None
-            for kind, word in ((HIT, "hit"), (FLICKER, "flicker")):
-                levels = artifact_images(own, number, instrument.index(sensor), kind)
+            for kind, levels in artifact_images(own, number, instrument.index(sensor)).items():
                 band, row, col = np.nonzero(levels)
                 count = len(band)
-                names = np.full(count, sensor), np.asarray(bands)[band], np.full(count, word)
+                names = np.full(count, sensor), np.asarray(bands)[band], np.full(count, KINDS[kind])
                 found.append((np.full(count, number, dtype=np.int64), *names, col, row, levels[band, row, col]))
     none = np.zeros(0, dtype=np.int64)
     empty = (none, *(np.zeros(0, dtype="U7"),) * 3, none, none, np.zeros(0))

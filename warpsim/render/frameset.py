@@ -17,7 +17,6 @@ from warpsim.orbit.sun import earth_states
 from warpsim.render.artifacts import artifact_images, artifact_table
 from warpsim.render.batch import Columns, HostColumns
 from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight, brightest_targets
-from warpsim.render.device_artifacts import FLICKER, HIT
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.line_of_sight import LineOfSight, ViewGeometry
@@ -243,9 +242,8 @@ class FrameSet:
         _, number = self.image_numbers("artifact_mask", frame, sensor, band)
         mask = np.zeros(self.counts.shape[3:], dtype=np.uint8)
         if (own := self._device_scene.artifacts) is not None:
-            for kind in (HIT, FLICKER):
-                charged = artifact_images(own, frame, self.instrument.index(sensor), kind)[number] > 0
-                mask |= np.where(charged, np.uint8(kind), np.uint8(0))
+            for kind, levels in artifact_images(own, frame, self.instrument.index(sensor)).items():
+                mask |= np.where(levels[number] > 0, np.uint8(kind), np.uint8(0))
         return mask
 
     def contributions_w_cm2(

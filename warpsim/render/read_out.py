@@ -16,7 +16,7 @@ from warpsim_kernels.read_out import make_read_out_kernel
 
 from warpsim.detector.detectors import ElectronDetector, NeiDetector
 from warpsim.detector.levels import ElectronLevels, Levels
-from warpsim.detector.pixel_maps import PLACE, read_maps
+from warpsim.detector.pixel_maps import SENSOR_FIELD, read_maps
 from warpsim.errors import InputError
 from warpsim.scene.instrument import Instrument
 
@@ -80,7 +80,7 @@ def _maps_struct(instrument: Instrument, bands: Sequence[str], device: wp.Device
     struct: Any = PixelMaps()
     n_pixel = camera.n_row * camera.n_col
     struct.stride = -(-n_pixel // STRIP_PIXELS) * STRIP_PIXELS
-    struct.by_sensor = int(len(maps.gain) > 1 or PLACE in detector.maps_file)
+    struct.by_sensor = int(len(maps.gain) > 1 or SENSOR_FIELD in detector.maps_file)
 
     def planes(values: Any, dtype: Any) -> wp.array:
         flat = values.reshape(-1, n_pixel)

@@ -9,7 +9,7 @@ from typing import Any
 
 from warpsim.background.function_map import function_checksum
 from warpsim.config.fields import FUNCTION
-from warpsim.detector.pixel_maps import PLACE
+from warpsim.detector.pixel_maps import SENSOR_FIELD
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.pointing import TablePointing
 from warpsim.scene.scenario import Scenario
@@ -50,7 +50,7 @@ def input_checksums(scenario: Scenario) -> dict[str, str]:
     for instrument in scenario.instruments.values():
         found |= instrument.sensor.optics.file_checksums | _table_checksums(instrument)
         if (file := instrument.sensor.detector.maps_file) is not None:
-            paths = dict.fromkeys(file.replace(PLACE, name) for name in instrument.names)
+            paths = dict.fromkeys(file.replace(SENSOR_FIELD, name) for name in instrument.names)
             found |= {
                 path: hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in paths if Path(path).is_file()
             }

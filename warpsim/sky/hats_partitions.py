@@ -57,7 +57,7 @@ def check_apart(tiles: Sequence[HatsTile], folder: Path) -> None:
 
 
 def read_partition_info(path: Path) -> dict[tuple[int, int], int | None]:
-    """Return rows by order and pixel as a list tells them, None where it does not; none without a list."""
+    """Return rows by order and pixel as a list has them, None where it lacks them; none without a list."""
     if not path.is_file():
         return {}
     table = csv.DictReader(text_of(path).splitlines(), skipinitialspace=True)

@@ -129,7 +129,7 @@ def catalog_files(path: FileNames, region: Sequence[Cone] = ()) -> list[CatalogF
 
 
 def _files_of_hats(hats: HatsFolder, region: Sequence[Cone]) -> list[CatalogFile]:
-    # Where no tile is near, the first one tells the columns of no stars.
+    # Where no tile is near, the first one names the columns of an empty catalog.
     chosen = set((hats.near(region) or hats.tiles[:1]) if region else hats.tiles)
     files, n_over = [], 0
     for tile, n_row in zip(hats.tiles, hats.n_row.tolist(), strict=True):

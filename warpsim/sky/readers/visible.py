@@ -80,7 +80,7 @@ _OF_DR3_ALONE = (
 
 
 def gaia_epoch(table: ColumnTable) -> tuple[float, str]:
-    """Return the reference epoch of a table of Gaia [Julian year], and a note of what tells it.
+    """Return the reference epoch of a table of Gaia [Julian year], and a note of what shows it.
 
     That is, in this order: its column of it, the names of its sources, the frame of its header, the release that the
     header names, and columns that one release alone has. Otherwise it is taken to be of DR3.
