@@ -21,7 +21,7 @@ from warpsim.sky.stellar_templates import GIANT, band_nodes
 PLACE_ATOL_DEG = 1e-10
 FLUX_RTOL = 1e-12
 
-PLACE = {"ra_deg": "a", "dec_deg": "b", "flux_A_jy": "c"}
+COLUMNS = {"ra_deg": "a", "dec_deg": "b", "flux_A_jy": "c"}
 
 
 @pytest.fixture
@@ -481,16 +481,16 @@ def test_a_scene_says_how_to_read_its_catalog(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("header", "columns", "place"),
+    ("header", "columns", "values"),
     [
         ("ξ,δ,S", {"ra_deg": "ξ", "dec_deg": "δ", "flux_A_jy": "S"}, (1.0, 2.0, 3.0)),
         ("ra,RA,S", {"ra_deg": "RA", "dec_deg": "ra", "flux_A_jy": "S"}, (2.0, 1.0, 3.0)),
         ("F_8,F8,b", {"ra_deg": "b", "dec_deg": "F_8", "flux_A_jy": "F8"}, (3.0, 1.0, 2.0)),
     ],
 )
-def test_a_column_is_the_one_that_is_named(read, header, columns, place):
+def test_a_column_is_the_one_that_is_named(read, header, columns, values):
     catalog = read(f"{header}\n1,2,3\n", columns=columns)
-    assert (catalog.ra_deg[0], catalog.dec_deg[0], catalog.flux_jy("A")[0]) == pytest.approx(place, rel=1e-14)
+    assert (catalog.ra_deg[0], catalog.dec_deg[0], catalog.flux_jy("A")[0]) == pytest.approx(values, rel=1e-14)
 
 
 def test_warpsims_exact_name_goes_before_its_like(read):
@@ -499,12 +499,12 @@ def test_warpsims_exact_name_goes_before_its_like(read):
 
 
 def test_one_column_is_not_two_things(read):
-    text = refused(read, "a,b,c\n1,2,3\n", columns=PLACE | {"dec_deg": "a"})
+    text = refused(read, "a,b,c\n1,2,3\n", columns=COLUMNS | {"dec_deg": "a"})
     assert text == "columns: dec_deg: must be a column of its own, got 'a' a second time"
 
 
 def test_a_flux_and_a_magnitude_of_one_band_are_one_too_many(read):
-    columns = PLACE | {"mag_A": "d"}
+    columns = COLUMNS | {"mag_A": "d"}
     assert refused(read, "a,b,c,d\n1,2,3,4\n", columns=columns) == (
         "columns: must be one of flux_A_jy and mag_A, got both"
     )
@@ -514,12 +514,12 @@ def test_units_hold_where_a_cell_is_missing(read):
     """One "--" makes the column text; its unit must not go."""
     text = "a\tb\tc\nrad\trad\tmJy\n---\t---\t---\n0.5\t0.25\t1000\n0.5\t0.25\t--\nnull\t0.1\t5\n"
     with pytest.warns(UserWarning, match="left out 1 of 3 stars"):
-        catalog = read(text, "x.tsv", columns=PLACE, fill=False)
+        catalog = read(text, "x.tsv", columns=COLUMNS, fill=False)
     np.testing.assert_allclose(catalog.ra_deg, np.degrees([0.5, 0.5]), rtol=1e-14)
     np.testing.assert_allclose(catalog.dec_deg, np.degrees([0.25, 0.25]), rtol=1e-14)
     np.testing.assert_allclose(catalog.flux_jy("A"), [1.0, np.nan], rtol=1e-14)
     with pytest.warns(UserWarning, match="left out 1 of 2 stars"):
-        hours = read("a,b,c\n0.5,1,2\n--,1,2\n", columns=PLACE | {"ra_deg": "a [hourangle]"})
+        hours = read("a,b,c\n0.5,1,2\n--,1,2\n", columns=COLUMNS | {"ra_deg": "a [hourangle]"})
     assert hours.ra_deg[0] == pytest.approx(7.5, rel=1e-14)
 
 
@@ -664,7 +664,7 @@ def test_arguments_of_other_types_are_named(arguments, text):
 
 
 def test_errors_name_the_files_column(read):
-    text = refused(read, "a,b,c\n1,2,3\n1,95,3\n", columns=PLACE)
+    text = refused(read, "a,b,c\n1,2,3\n1,95,3\n", columns=COLUMNS)
     assert text == "line 3: column b: dec_deg: must be in [-90, 90], got 95"
     assert refused(read, "ra_deg,dec_deg,flux_A_jy\n1,95,3\n").startswith("line 2: dec_deg: must be")
 

@@ -238,11 +238,11 @@ def test_a_table_of_a_sky_is_a_number_or_a_name():
 def test_tiles_near_a_cone_are_all_that_hold_its_stars(tmp_path, stars):
     """Every star within a cone is in a tile that is said to be near; most of the others are passed over."""
     folder = HatsFolder(write_hats(stars, tmp_path / "hats"))
-    place = [parquet.read_table(tile.path) for tile in folder.tiles]
-    assert folder.n_row.tolist() == [len(table) for table in place]
+    tables = [parquet.read_table(tile.path) for tile in folder.tiles]
+    assert folder.n_row.tolist() == [len(table) for table in tables]
     for region in REGIONS[:3]:
         near = {tile.path for tile in folder.near([region])}
-        for tile, table in zip(folder.tiles, place, strict=True):
+        for tile, table in zip(folder.tiles, tables, strict=True):
             found = inside(Table({key: table[key].to_numpy() for key in ("ra_deg", "dec_deg")}), *region)
             assert not len(found) or tile.path in near
         assert len(near) < len(folder.tiles) / 2

@@ -48,7 +48,7 @@ def test_common_area_of_discs_against_mpmath(record_accuracy):
     expected = [exact_covered(*values) for values in zip(sun, earth, apart, strict=True)]
     assert np.abs(got - expected).max() < CLOSED_FORM
     error = np.abs(got - expected).max()
-    record_accuracy("Share of the Sun's disc behind a sphere", error, CLOSED_FORM, "of the disc", "mpmath")
+    record_accuracy("Fraction of the Sun's disc behind a sphere", error, CLOSED_FORM, "of the disc", "mpmath")
     assert np.count_nonzero((got > 0) & (got < 1)) > 250
 
 
@@ -126,7 +126,7 @@ def test_share_against_rays_at_the_earth(pole, record_accuracy):
     assert np.abs(error).max() < bound
     if pole is not None:
         worst = np.abs(error).max()
-        record_accuracy("Share of the Sun's disc behind the ellipsoid", worst, bound, "of the disc", "rays")
+        record_accuracy("Fraction of the Sun's disc behind the ellipsoid", worst, bound, "of the disc", "rays")
     if pole is not None:  # the shape of the Earth matters: a sphere is off by more than the pass line
         off = [
             float(sunlit_fraction(place, sun) - sunlit_fraction(place, sun, pole))

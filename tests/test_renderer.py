@@ -158,7 +158,7 @@ def test_star_places_agree_with_erfa_and_astropy_wcs(scene, renderer, frame, rec
     assert n_star > 10
     assert n_hidden > 0  # some sensors have no access and look at the Earth
     assert worst < TRUTH_PX
-    record_accuracy("Place of a star, whole chain", worst, TRUTH_PX, "px", "ERFA, astropy.wcs")
+    record_accuracy("Position of a star, whole chain", worst, TRUTH_PX, "px", "ERFA, astropy.wcs")
 
 
 def boost(velocity_m_s):
@@ -196,7 +196,7 @@ def test_target_places_agree_with_lorentz_transformed_light(scene, renderer, fra
             if target == "center":  # the camera tracks it
                 assert (row["x_px"], row["y_px"]) == pytest.approx((63.5, 63.5), abs=1e-6)
     assert worst < TRUTH_PX
-    record_accuracy("Place of a target, whole chain", worst, TRUTH_PX, "px", "light's four-vector, astropy.wcs")
+    record_accuracy("Position of a target, whole chain", worst, TRUTH_PX, "px", "light's four-vector, astropy.wcs")
 
 
 def test_irradiance_is_emissivity_times_radiance_times_area_over_range_squared(scene, renderer, record_accuracy):
@@ -221,7 +221,7 @@ def test_irradiance_is_emissivity_times_radiance_times_area_over_range_squared(s
         expected /= (row["range_km"] * 1e3) ** 2 * 1e4
         assert row["emitted_w_cm2"] == pytest.approx(expected, rel=IRRADIANCE_REL, abs=0)
         error = abs(row["emitted_w_cm2"] / expected - 1)
-        record_accuracy("Own light of a target", error, IRRADIANCE_REL, "of it", "scipy, Planck's law")
+        record_accuracy("Thermal emission of a target", error, IRRADIANCE_REL, "of it", "scipy, Planck's law")
         assert row["temperature_k"] == pytest.approx(350 - 22 * 900 / 1614, abs=1e-3)
         if row["target"] == "sphere03":
             assert row["projected_area_m2"] == pytest.approx(np.pi * 0.25, rel=1e-12)

@@ -71,8 +71,8 @@ def field(scene):
     rng = np.random.default_rng(5)
     boresight = scene.scenario.view_axes(SENSOR, [MIDDLE_S])[0]
     radius, angle = np.radians(3.0) * np.sqrt(rng.random(8000)), 2 * np.pi * rng.random(8000)
-    place = np.stack([np.tan(radius) * np.cos(angle), np.tan(radius) * np.sin(angle), np.ones(8000)], axis=1)
-    x, y, z = (place @ boresight).T
+    position = np.stack([np.tan(radius) * np.cos(angle), np.tan(radius) * np.sin(angle), np.ones(8000)], axis=1)
+    x, y, z = (position @ boresight).T
     ra_deg, dec_deg = np.degrees(np.arctan2(y, x)) % 360, np.degrees(np.arctan2(z, np.hypot(x, y)))
     return ws.StarCatalog.from_arrays(ra_deg, dec_deg, {"A": 10 ** rng.uniform(-1, 1, 8000)})
 

@@ -167,7 +167,7 @@ def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target, reco
         expected = intensity / np.sum(view**2) * 1e-4
         assert row["earth_w_cm2"] == pytest.approx(expected, rel=FACET_RTOL, abs=slack)
         error = abs(row["earth_w_cm2"] - expected) / max(slack, FACET_RTOL * expected)
-        record_accuracy("Reflected heat of the Earth, by its rule", error, 1, "of what it allows", "a million facets")
+        record_accuracy("Earth infrared, by its rule", error, 1, "of what it allows", "a million facets")
     assert (rows["earth_w_cm2"] > 1e-19).all()
 
 
@@ -206,7 +206,7 @@ def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device, record_acc
     assert row.terms_w_cm2["albedo"].item() == pytest.approx(expected, rel=2e-3, abs=0)  # patches at the terminator
     assert row.terms_w_cm2["albedo"].item() > 1e-20
     error = abs(row.terms_w_cm2["albedo"].item() / expected - 1)
-    record_accuracy("Sunlight by way of the Earth, on a sphere", error, 2e-3, "of it", "400 x 400 patches of ground")
+    record_accuracy("Earth albedo on a sphere", error, 2e-3, "of it", "400 x 400 patches of ground")
     assert short.terms_w_cm2["albedo"].item() == pytest.approx(expected, rel=day.lighting.albedo_error, abs=0)
 
 

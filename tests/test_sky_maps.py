@@ -20,9 +20,9 @@ def looked_up(plates, lines):
         x, y, z = plate.axes @ lines.T
         values, n = plate.radiance_w_cm2_sr[0], plate.radiance_w_cm2_sr.shape[-1]
         on = (z > 0) & (np.abs(x) <= z * plate.half_width) & (np.abs(y) <= z * plate.half_width)
-        place = (np.stack([x[on], y[on]]) / z[on] / plate.half_width + 1) * (n - 1) / 2
-        col, row = np.clip(place.astype(int), 0, n - 2)
-        u, v = place - [col, row]
+        position = (np.stack([x[on], y[on]]) / z[on] / plate.half_width + 1) * (n - 1) / 2
+        col, row = np.clip(position.astype(int), 0, n - 2)
+        u, v = position - [col, row]
         upper, lower = ((1 - u) * values[r, col] + u * values[r, col + 1] for r in (row, row + 1))
         found[on] = (1 - v) * upper + v * lower
     return found / radiance_scales("MJy/sr", [BAND])[0]
@@ -246,7 +246,7 @@ def test_healpix_pixels_finer_than_the_largest_cube_are_averaged(tmp_path, monke
     healpix = pytest.importorskip("astropy_healpix")
     monkeypatch.setattr("warpsim.background.healpix_map._MOST_NSIDE", 16)
     grid = healpix.HEALPix(64, ordering.lower(), frame="icrs")
-    place = np.arange(grid.npix) if ordering == "NESTED" else grid.ring_to_nested(np.arange(grid.npix))
-    columns = [column(array=np.where(place % 4 == 0, 4.0, 0.0))]  # of mean 1
+    position = np.arange(grid.npix) if ordering == "NESTED" else grid.ring_to_nested(np.arange(grid.npix))
+    columns = [column(array=np.where(position % 4 == 0, 4.0, 0.0))]  # of mean 1
     path = healpix_file(tmp_path / "m.fits", columns, 64, ORDERING=ordering)
     np.testing.assert_allclose(looked_up(sky_map_plates(path, [BAND]), lines_of()), 1.0, rtol=1e-9)
