@@ -35,7 +35,7 @@ class Roll:
     half_rows_s: wp.float64  # from there to the outer edge of the last row
     half_exposure_s: wp.float64
     half_window_s: wp.float64  # over which paths are series: that of all rows and half an exposure on either side
-    smear_px: wp.float64  # movement along y from the middle of the exposure to its end that charge's steps add
+    charge_drift_px: wp.float64  # movement along y from the middle of the exposure to its end that charge's steps add
     node: wp.array[wp.float64]  # (n_path,) Gauss-Legendre nodes in (-1, 1)
     instants: Instants
 
@@ -89,7 +89,7 @@ def roll_source(roll: Roll, window_px: wp.array3d[wp.vec2], view: int, slot: int
             then_s = time_s + roll.half_exposure_s * roll.node[k]
             then = moved_of(window_px, view, slot, then_s / roll.half_window_s)
             add_to_series(sources.offset_px, view, slot, k, roll.instants, wp.vec2d(then[0] - at[0], then[1] - at[1]))
-        sources.offset_px[view, slot, 1] += wp.vec2(0.0, float(roll.smear_px))
+        sources.offset_px[view, slot, 1] += wp.vec2(0.0, float(roll.charge_drift_px))
     return time_s
 
 

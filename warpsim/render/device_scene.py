@@ -110,7 +110,7 @@ def make_roll(sensor: Sensor, instants: Any, device: wp.Device) -> Any:
     roll.line_time_s, roll.middle_row = detector.line_time_s, 0.5 * (n_row - 1)
     roll.half_rows_s = 0.5 * n_row * abs(detector.line_time_s)
     roll.half_exposure_s, roll.half_window_s = 0.5 * detector.exposure_s, 0.5 * sensor.window_s
-    roll.smear_px = -0.5 * np.sign(detector.line_time_s) if detector.tdi_stages else 0.0
+    roll.charge_drift_px = -0.5 * np.sign(detector.line_time_s) if detector.tdi_stages else 0.0
     roll.node = wp.array(gauss_legendre(instants.n_path)[0], dtype=wp.float64, device=device)
     roll.instants = instants
     return roll
