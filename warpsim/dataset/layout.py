@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from warpsim.dataset.recipe import SHARDED, Recipe, choices_with_files
+from warpsim.dataset.recipe import SHARDED, Recipe, choices_with_files, drawn_words
 from warpsim.errors import InputError
 from warpsim.output.manifest import package_versions
 from warpsim.output.output_folder import MANIFEST
@@ -107,23 +107,17 @@ def drawn_values(recipe: Recipe, number: int, attempt: int = 0) -> dict[str, Any
 
 
 def varied(recipe: Recipe, values: dict[str, Any], where: str, **others: Any) -> Scene:
-    """Return the recipe's scene with drawn values, and others; InputError that begins with `where` for bad ones."""
+    """Return the recipe's scene with drawn values, and others, which follows from its files and flights.
+
+    Raises:
+        InputError: It begins with `where`: a value is not valid, a file cannot be read, a flight cannot be flown.
+    """
+    scene = recipe.described(values, where, **others)
     try:
-        scene = recipe.scene.replace(**{name.replace(".", "__"): value for name, value in values.items()}, **others)
         scene.scenario  # noqa: B018  # reads files, flies flights
     except InputError as error:
-        shown = ", ".join(f"{name} = {value!r}" for name, value in values.items())
-        raise error.of(f"{where} (drawn: {shown})"[:400]) from None
-    known = _classes(recipe.scene)
-    if new := _classes(scene) - known:  # the categories of all annotations are the same
-        raise InputError(
-            f"targets must be of the scene's own classes ({', '.join(sorted(known))})", value=new.pop()
-        ).of(where)
+        raise error.of(drawn_words(values, where)) from None
     return scene
-
-
-def _classes(scene: Scene) -> set[str]:
-    return {spec.class_name for group in scene.groups for spec in group.targets}
 
 
 def check_extremes(recipe: Recipe) -> None:

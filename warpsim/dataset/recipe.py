@@ -125,6 +125,16 @@ def _samples(value: Any, info: ValidationInfo) -> dict[str, Any]:
     return with_absolute_choices(flat_names(value), Path.cwd() / _folder(info))
 
 
+def drawn_words(values: dict[str, Any], where: str) -> str:
+    """Return the place of an error in a scene with drawn values."""
+    shown = ", ".join(f"{name} = {value!r}" for name, value in values.items())
+    return f"{where} (drawn: {shown})"[:400]
+
+
+def _classes(scene: Scene) -> set[str]:
+    return {spec.class_name for group in scene.groups for spec in group.targets}
+
+
 def _folder(info: ValidationInfo) -> Path:
     """Return the base of relative paths: the recipe's folder, if it came from a file."""
     return Path((info.context or {}).get("folder", ""))
@@ -230,6 +240,24 @@ class Recipe:
                 raise InputError(
                     "images of one Zarr array must be of one size; choose another format", f"sample.{name}"
                 )
+            for value in self.distributions[name].extremes:
+                self.described({name: value}, f"sample.{name}")
+
+    def described(self, values: dict[str, Any], where: str, **others: Any) -> Scene:
+        """Return the scene with drawn values, and other changes; InputError that begins with `where` for bad ones.
+
+        It only describes: no file is read, no orbit solved.
+        """
+        try:
+            scene = self.scene.replace(**{name.replace(".", "__"): value for name, value in values.items()}, **others)
+        except InputError as error:
+            raise error.of(drawn_words(values, where)) from None
+        known = _classes(self.scene)
+        if new := _classes(scene) - known:  # the categories of all annotations are the same
+            raise InputError(
+                f"targets must be of the scene's own classes ({', '.join(sorted(known))})", value=new.pop()
+            ).of(where)
+        return scene
 
     @classmethod
     def load(cls, source: str | os.PathLike[str], **changes: Any) -> Recipe:
