@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import erfa
 import numpy as np
@@ -18,8 +19,9 @@ from astropy.wcs import WCS
 from scipy.spatial.transform import Rotation
 
 import warpsim as ws
+from warpsim.cli import main
 from warpsim.files import sha256_of, whole_file
-from warpsim.output import preview, zarr_array
+from warpsim.output import preview, wording, zarr_array
 from warpsim.output.fits_cube import read_cube
 from warpsim.output.growing import GrowingFiles
 from warpsim.output.image_files import read_image
@@ -408,6 +410,41 @@ NAMES_OF_ONE_SENSOR = (
     *("sat11_A.fits", "sat11_A/000060.png", "sat11_A", "sat11_A.gif"),
     *("sat11_A.zarr/c/0/0/0", "sat11_A.zarr/notes.txt", "sat11_A.zarr"),
 )
+
+
+def test_progress_on_a_log_is_a_line_now_and_then(monkeypatch, capsys):
+    now_s = [0.0]
+    monkeypatch.setattr(wording, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    with wording.progress_bar(1200, True, "sequences") as advance:
+        for _ in range(100):  # 12 in 7 s each: the lines come with the fifth, tenth, ... step
+            now_s[0] += 7.0
+            advance(12)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 20
+    assert lines[:2] == ["60 of 1,200 sequences (5 %) after 35 s", "120 of 1,200 sequences (10 %) after 70 s"]
+    assert lines[-1] == "1,200 of 1,200 sequences (100 %) after 700 s"
+    with wording.progress_bar(1200, False, "sequences") as advance:
+        now_s[0] += 100.0
+        advance(1200)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("command", ["render", "dataset"])
+def test_files_are_not_scattered_among_those_of_others(tmp_path, monkeypatch, capsys, command):
+    (tmp_path / "notes.txt").write_text("mine")
+    monkeypatch.chdir(tmp_path)
+    for more in ([], ["--overwrite"]):
+        assert main([command, "stss", "-o", ".", "--device", "cpu", *more]) == 2
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1 and "is not empty (it holds notes.txt), and warpsim did not write it" in told
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["notes.txt"]
+
+
+@pytest.mark.ci
+def test_hidden_files_do_not_fill_a_folder(scene, tmp_path):
+    (tmp_path / ".gitignore").write_text("*")
+    run(scene, tmp_path, *SMALL_RUN)
+    assert (tmp_path / "manifest.json").exists() and (tmp_path / ".gitignore").read_text() == "*"
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def write_dataset(
             `if __name__ == "__main__":`, as always with `multiprocessing`.
         device: Warp device of each worker.
         overwrite: Replace a different data set that the folder holds.
-        progress: Draw a progress bar on standard error.
+        progress: Draw a progress bar on standard error; where that is no terminal, print a line each 30 s.
 
     Returns:
         Report of the run.
@@ -154,7 +154,7 @@ class _Dataset:
         n_sequence = {shard.name: len(shard.sequences) for shard in missing}
         for name in (CHECKPOINTS, PLANNED, COCO):
             (folder.parts / name).mkdir(exist_ok=True)
-        with progress_bar(self.recipe.n_sequence, self.progress) as advance:
+        with progress_bar(self.recipe.n_sequence, self.progress, "sequences") as advance:
             advance(self.recipe.n_sequence - sum(n_sequence.values()))
 
             def done(record: CheckpointRecord) -> None:

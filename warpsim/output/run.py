@@ -104,7 +104,7 @@ def render_to_folder(
         bands: Band names; all of each sensor when left out. Sensors that have none of them are left out.
         device: Warp device.
         overwrite: Replace a different run that the folder holds.
-        progress: Draw a progress bar on standard error.
+        progress: Draw a progress bar on standard error; where that is no terminal, print a line each 30 s.
         stars: Also write `stars.fits`, the stars of every image.
         every_frame: Also render frames without access.
         formats: How images are stored, one or several: "fits" (a cube for each sensor and band), "tiff", "png" (a
@@ -189,7 +189,7 @@ class Run:
         for sensor in firsts.values():
             # A first frame, thrown away, compiles the kernels: the speed reported at the end is that of rendering.
             self.renderer.render(plan.frames_of[sensor][:1], [sensor], plan.bands_of[sensor])
-        with progress_bar(sum(map(len, plan.frames_of.values())), self.progress) as advance:
+        with progress_bar(sum(map(len, plan.frames_of.values())), self.progress, "frames") as advance:
             advance(sum(len(plan.frames_of[sensor]) for sensor in records))
             for sensor in missing:
                 with folder.naming_full_disk():
