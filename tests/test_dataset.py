@@ -29,7 +29,7 @@ SAMPLE = {
     "optics.aperture_m": {"uniform": [0.3, 0.5]},
 }
 PLANES = {"signal": True, "masks": True, "contributions": True, "stars": True}
-FORMATS = ("fits", "png", "tiff", "zarr", "webdataset")
+FORMATS = ("fits", "fits-frames", "png", "tiff", "zarr", "webdataset")
 
 
 def recipe(**changes):
@@ -82,6 +82,8 @@ def tables(folder, name):
 def read_counts(folder, row):
     """An image, read as its row of the table of images says, by programs that know nothing of warpsim."""
     file, item = row["file"], row["item"]
+    if file.endswith(".frames.fits"):
+        return fits.getdata(folder / file, json.loads(item)[0])
     if file.endswith(".fits"):
         return fits.getdata(folder / file)[json.loads(item)[0]]
     if file.endswith((".png", ".tif")):
@@ -162,6 +164,8 @@ def test_other_planes_are_the_same_in_all_formats(folders, rendered):
     with tarfile.open(folders / "webdataset" / "train" / "000000.tar") as tar:
         for name, plane in expected.items():
             assert np.array_equal(fits.getdata(folders / "fits" / f"{home}.{name}.fits")[2], plane)
+            extension = fits.getdata(folders / "fits-frames" / f"{home}.{name}.frames.fits", "FRAME000002")
+            assert np.array_equal(extension, plane)
             assert np.array_equal(store[name][1, 2, place, 0], plane)
             member = tar.extractfile(f"{number:06d}_000002_{sensor}.{name}.npy")
             assert np.array_equal(np.load(io.BytesIO(member.read()))[0], plane)
@@ -311,7 +315,10 @@ def test_the_command_makes_a_data_set_of_a_scene(tmp_path, capsys):
         (["nothing"], "nothing: must be a preset (stss"),
         (["stss", "--sequences", "many"], "--sequences: must be a whole number, got 'many'"),
         (["stss", "--sequences", "0"], "stss: n_sequence: must be >= 1, got 0"),
-        (["stss", "--format", "exr"], "format: must be 'fits', 'png', 'tiff', 'zarr' or 'webdataset', got 'exr'"),
+        (
+            ["stss", "--format", "exr"],
+            "format: must be 'fits', 'fits-frames', 'png', 'tiff', 'zarr' or 'webdataset', got 'e",
+        ),
         (["stss", "--workers", "0"], "n_worker: must be a whole number >= 1, got 0"),
         (["stss", "--device", "tpu"], "device: must be one of cpu"),
     ],

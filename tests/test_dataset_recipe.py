@@ -121,7 +121,7 @@ def test_a_file_that_is_neither_scene_nor_recipe_is_refused(tmp_path):
         ({"sensors": ["moon"]}, "sensors: must be among those of the scene, got 'moon'"),
         ({"bands": ["A", "A"]}, "bands: must name one or more, each once"),
         ({"bands": ["Z"]}, "bands: must be among those of the scene, got 'Z'"),
-        ({"format": "gif"}, "format: must be 'fits', 'png', 'tiff', 'zarr' or 'webdataset', got 'gif'"),
+        ({"format": "gif"}, "format: must be 'fits', 'fits-frames', 'png', 'tiff', 'zarr' or 'webdataset', got 'gif'"),
         ({"split": {"train": 0.0}}, "split: must name splits and their sizes, not all 0"),
         ({"split": {"annotations": 1.0}}, "split: must not be called annotations"),
         ({"split": {"a/b": 1.0}}, "must be letters, digits"),

@@ -32,8 +32,8 @@ from warpsim.scene.scene_files import named_files, presets, read_scene_data, wit
 if TYPE_CHECKING:
     from typing import Self
 
-FORMATS = ("fits", "png", "tiff", "zarr", "webdataset")
-"""How counts are written: FITS cubes, an image file each, one Zarr array per split, tar archives."""
+FORMATS = ("fits", "fits-frames", "png", "tiff", "zarr", "webdataset")
+"""How counts are written: FITS cubes, an extension or an image file each, one Zarr array per split, tar archives."""
 
 SHARDED = ("zarr", "webdataset")
 """Formats that put several sequences into one file."""
@@ -192,7 +192,7 @@ class Recipe:
     seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
     split: Annotated[dict[Name, NonNegative], AfterValidator(_ratios)] | None = None
     sample: Annotated[dict[str, Distribution], BeforeValidator(_samples)] | None = None
-    format: Literal["fits", "png", "tiff", "zarr", "webdataset"] = "fits"
+    format: Literal["fits", "fits-frames", "png", "tiff", "zarr", "webdataset"] = "fits"
     sequences_per_shard: Annotated[Count, closed_interval(1, 100_000)] | None = None
     coco: Switch = True
     satnet: Switch = False

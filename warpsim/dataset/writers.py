@@ -27,7 +27,7 @@ from warpsim.dataset.layout import ImageKey, Sequence, Shard, folder_of, image_i
 from warpsim.dataset.recipe import Recipe
 from warpsim.errors import InputError
 from warpsim.output.fits_header import Views
-from warpsim.output.formats import Animations, FitsCubes, Format, ImageFiles, Images
+from warpsim.output.formats import FORMATS, Animations, Format, ImageFiles, Images
 from warpsim.output.zarr_array import ARRAY
 from warpsim.render.frameset import FrameSet
 from warpsim.scene.instrument import Instrument
@@ -182,8 +182,8 @@ class _SequenceFolders:
 
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
         self._recipe, self._shard, self._folder = recipe, shard, folder
-        if recipe.format == "fits":
-            self._format: Format = FitsCubes()
+        if recipe.format in ("fits", "fits-frames"):
+            self._format: Format = FORMATS[recipe.format]
         else:
             ending = {"png": ".png", "tiff": ".tif"}[recipe.format]
             others = {"signal_w_cm2": ".signal_w_cm2.exr", "contributions_w_cm2": ".contributions_w_cm2.npy"}
@@ -230,10 +230,10 @@ class _SequenceFolders:
         """Do nothing."""
 
     def locate(self, sequence: Sequence, key: ImageKey) -> tuple[str, str]:
-        """The plane of a cube, or the file of an image."""
+        """The plane of a cube, the extension of a file, or the file of an image."""
         images = Images(sequence.scenario, key.sensor, key.band, [key.frame])
         (name,) = self._format.names(images)
-        item = f"[{key.frame}]" if self._recipe.format == "fits" else ""
+        item = {"fits": f"[{key.frame}]", "fits-frames": f"[{key.frame + 1}]"}.get(self._recipe.format, "")
         return f"{folder_of(self._shard, key.sequence)}/{name}", item
 
 

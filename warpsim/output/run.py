@@ -107,9 +107,9 @@ def render_to_folder(
         progress: Draw a progress bar on standard error; where that is no terminal, print a line each 30 s.
         stars: Also write `stars.fits`, the stars of every image.
         every_frame: Also render frames without access.
-        formats: How images are stored, one or several: "fits" (a cube for each sensor and band), "tiff", "png" (a
-            16-bit file for each image), "exr" (the same of the noiseless signal [W/cm2], float32), "zarr" (an array
-            for each sensor and band; the extra `zarr`).
+        formats: How images are stored, one or several: "fits" (a cube for each sensor and band), "fits-frames" (an
+            extension for each frame), "tiff", "png" (a 16-bit file for each image), "exr" (the same of the noiseless
+            signal [W/cm2], float32), "zarr" (an array for each sensor and band; the extra `zarr`).
         preview: Also an animation for each sensor and band: "gif", or "mp4" with the extra `video`.
 
     Returns:

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-
 LINE_EVERY_S = 30.0
 """Least time between lines of progress."""
 
