@@ -163,7 +163,7 @@ def test_truth_table(folder):
 def test_manifest(scene, folder):
     manifest = json.loads((folder / "manifest.json").read_text())
     assert ws.Scene.from_dict(manifest["scene"]) == scene
-    assert manifest["seed"] == scene.seed
+    assert manifest["provenance"]["SEED"] == scene.seed
     assert manifest["device"]["alias"] == "cpu"
     assert manifest["warpsim"] == ws.__version__
     assert set(manifest["files"]) == set(files_of(folder)) - {"manifest.json"}

@@ -27,6 +27,7 @@ from warpsim.render.frameset import FrameSet
 from warpsim.render.stars import catalog_checksums
 from warpsim.scene.environment import BUILT_IN_CATALOGS
 from warpsim.scene.inputs import input_checksums
+from warpsim.scene.provenance import provenance
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.scene.scene_files import named_files
@@ -236,7 +237,7 @@ def folder_of(shard: Shard, sequence: int) -> str:
 
 
 def table_path(recipe: Recipe, shard: Shard, sequence: int, table: str) -> str:
-    """Path of a table: "images", "truth" or "stars"."""
+    """Path of a table: "images", "truth", "stars" or "artifacts"."""
     if recipe.format in SHARDED:
         return f"{shard.stem}.{table}.parquet"
     return f"{folder_of(shard, sequence)}/{table}.parquet"
@@ -258,6 +259,21 @@ def image_id(recipe: Recipe, key: ImageKey) -> int:
     """Return the number of an image, unique within the data set, from 1."""
     view = (key.sequence * recipe.n_frame + key.frame) * recipe.n_sensor + key.sensor_number
     return view * len(recipe.band_names) + key.band_number + 1
+
+
+RECIPE_SEED = "RECSEED"
+"""Word of provenance that all files of a data set have: the recipe's seed."""
+
+
+def dataset_provenance(recipe: Recipe) -> dict[str, Any]:
+    """Return the words of provenance that all sequences share: no seeds, and no epoch or name that is drawn.
+
+    The recipe's seed, from which all seeds follow, is RECSEED.
+    """
+    fields = {"SEED": "seed", "NOISSEED": "noise_seed", "DATEREF": "epoch_utc", "SCENE": "name"}
+    drawn = {"seed", "noise_seed", *recipe.distributions}
+    words = {name: value for name, value in provenance(recipe.scene).items() if fields.get(name) not in drawn}
+    return words | {RECIPE_SEED: recipe.seed}
 
 
 def top_names(recipe: Recipe) -> list[str]:

@@ -23,6 +23,7 @@ from warpsim.config.fields import (
     rule_error,
 )
 from warpsim.config.model import adapter, config_model, input_error
+from warpsim.detector.artifacts import has_artifacts
 from warpsim.errors import InputError
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
@@ -174,6 +175,7 @@ class Recipe:
         contributions: Write the light of each target apart [W/cm2].
         signal: Write noiseless images [W/cm2].
         stars: Write the stars of each image.
+        artifacts: Write the pixels that radiation hits and flickering pixels change in each image.
         preview: Draw a small animation of each sequence: "gif" or "mp4".
         least_nei: Light in a pixel, over the NEI, from which on a mask says that a target is there.
 
@@ -200,6 +202,7 @@ class Recipe:
     contributions: Switch = False
     signal: Switch = False
     stars: Switch = False
+    artifacts: Switch = False
     preview: Literal["gif", "mp4"] | None = None
     least_nei: Positive = 1.0
 
@@ -227,6 +230,9 @@ class Recipe:
         if self.format == "zarr" and len(self.instruments) > 1:
             rule = f"images of one Zarr array must be of one kind of sensor ({', '.join(self.instruments)})"
             raise InputError(f"{rule}; name one, or choose another format", "sensors")
+        drawn = any(re.search(r"\bdetector\b|\bsensors$", name) for name in self.distributions)
+        if self.artifacts and not drawn and not any(has_artifacts(kind.sensor.detector) for kind in self._kinds):
+            raise InputError("needs a detector with hits or flicker", "artifacts", self.artifacts)
         self._check_sampled()
         return self
 

@@ -21,7 +21,7 @@ from warpsim.errors import InputError
 from warpsim.files import naming
 from warpsim.optics.wcs import lens_keywords, tan_keywords, wcs_from_keywords
 from warpsim.output.dates import utc_dates
-from warpsim.output.fits_header import Card, Views
+from warpsim.output.fits_header import Card, Views, provenance_cards
 from warpsim.scene.description import SceneDescription
 
 if TYPE_CHECKING:
@@ -111,7 +111,8 @@ def finish_cube(path: Path, scene: SceneDescription, views: Views) -> None:
     extension = fits.table_to_hdu(table)
     extension.name = "FRAMES"
     extension.header.update(lens_keywords(camera))
-    extension.header["TIMESYS"] = "UTC"
+    for name, value, comment in provenance_cards(scene):
+        extension.header[name] = value, comment
     finish_planes(path)
     with naming(path), fits.open(path, mode="append", memmap=False) as file:
         file.append(extension)

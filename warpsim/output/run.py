@@ -29,6 +29,7 @@ from warpsim.output.wording import progress_bar
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 from warpsim.scene.instrument import Instrument
+from warpsim.scene.provenance import provenance
 from warpsim.scene.roster import some_names
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
@@ -290,7 +291,7 @@ class Run:
             "key": key,
             **made_with(),
             "device": {"name": device.name, "alias": str(device)},
-            "seed": plan.scenario.scene.seed,
+            "provenance": provenance(plan.scenario.scene),
             "bands": plan.bands,
             "responses": {name: response_facts(plan.scenario.bands[name]) for name in plan.bands},
             "orbit_interpolation": {"node_step_s": tracks.step_s, "measured_error_m": tracks.error_m},
