@@ -293,7 +293,7 @@ def identity_of(recipe: Recipe, device: str) -> Identity:
     """Return all inputs that the bytes of a data set depend on, as plain values for its manifest; any GPU is "cuda"."""
     return {
         "recipe": recipe.to_dict(),
-        "inputs": _inputs(recipe),
+        "inputs": input_checksums_of(recipe),
         "device": "cuda" if device.startswith("cuda") else "cpu",
         "warpsim": __version__,
         "packages": package_versions(*writers_of(recipe)),
@@ -327,8 +327,8 @@ def stamp_of(path: str) -> Stamp:
     return stat.st_mtime_ns, stat.st_size
 
 
-def _inputs(recipe: Recipe) -> dict[str, str]:
-    """Checksums of all files that sequences may be made from, by path, and of star catalogs."""
+def input_checksums_of(recipe: Recipe) -> dict[str, str]:
+    """Return checksums of all files that sequences may be made from, by path, and of star catalogs."""
     found = _inputs_of(recipe.scene)
     for name, number, value, _ in choices_with_files(recipe.distributions):
         for path, checksum in _inputs_of(varied(recipe, {name: value}, f"sample.{name}")).items():
