@@ -19,8 +19,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from warpsim.dataset.crossings import crossing_changes
 from warpsim.dataset.recipe import SHARDED, Recipe, choices_with_files, drawn_words
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.output.manifest import package_versions
 from warpsim.output.output_folder import MANIFEST
 from warpsim.render.frameset import FrameSet
@@ -79,7 +80,10 @@ def draw_sequence(recipe: Recipe, number: int) -> Sequence:
         if clips:
             start_s, sensors = _chosen_clip(recipe, clips, number, attempt)
             frames = {"count": recipe.n_frame, "interval_s": recipe.step_s, "start_s": start_s}
-            return Sequence(number, scene.replace(frames=frames), sensors, values, attempt)
+            time_s = np.minimum(start_s + np.linspace(0.0, recipe.clip_s, recipe.n_frame), scene.duration_s)
+            with errors_at("", f"sequence {number}"):
+                changes = crossing_changes(scene, recipe.crossings or {}, sensors, time_s, recipe.seed, number)
+                return Sequence(number, scene.replace(frames=frames, **changes), sensors, values, attempt)
         if not recipe.distributions:  # all draws are alike
             break
     raise InputError(
@@ -360,6 +364,7 @@ def recipe_report(recipe: Recipe) -> str:
         f"sequences: {splits}",
         f"{recipe.format}, {len(shards_of(recipe)):,} shards; {size / 1e6:,.1f} MB before compression, and tables",
         *(f"drawn: {name} = {json.dumps(how)[:80]}" for name, how in recipe.to_dict().get("sample", {}).items()),
+        *(f"crossing: {name}, {json.dumps(how)}" for name, how in recipe.to_dict().get("crossings", {}).items()),
         f"sequence 0: from {first.scene.frames.start_s:.3f} s on, {', '.join(first.sensors)}{drawn}",
     ]
     return "\n".join(lines)

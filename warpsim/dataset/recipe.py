@@ -23,6 +23,7 @@ from warpsim.config.fields import (
     rule_error,
 )
 from warpsim.config.model import adapter, config_model, input_error
+from warpsim.dataset.crossings import Crossing, check_crossings
 from warpsim.detector.artifacts import has_artifacts
 from warpsim.errors import InputError
 from warpsim.scene.instrument import Instrument
@@ -166,6 +167,8 @@ class Recipe:
         seed: Seed of everything that is drawn.
         split: Splits, and how large each is relative to the others.
         sample: What is drawn for each sequence: distributions by field of the scene.
+        crossings: Groups of the scene that cross the field of a sensor of each sequence, on paths that are drawn: by
+            name, how far away, and how fast.
         format: How images are written, one of FORMATS.
         sequences_per_shard: Sequences that are written as one; when left out 1, and 8 in sharded formats, or as many as
             128 MiB of a Zarr shard hold.
@@ -194,6 +197,7 @@ class Recipe:
     seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
     split: Annotated[dict[Name, NonNegative], AfterValidator(_ratios)] | None = None
     sample: Annotated[dict[str, Distribution], BeforeValidator(_samples)] | None = None
+    crossings: dict[str, Crossing] | None = None
     format: Literal["fits", "fits-frames", "png", "tiff", "zarr", "webdataset"] = "fits"
     sequences_per_shard: Annotated[Count, closed_interval(1, 100_000)] | None = None
     coco: Switch = True
@@ -233,6 +237,7 @@ class Recipe:
         drawn = any(re.search(r"\bdetector\b|\bsensors$", name) for name in self.distributions)
         if self.artifacts and not drawn and not any(has_artifacts(kind.sensor.detector) for kind in self._kinds):
             raise InputError("needs a detector with hits or flicker", "artifacts", self.artifacts)
+        check_crossings(self.scene, self.crossings or {})
         self._check_sampled()
         return self
 
