@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
@@ -181,6 +181,7 @@ class Renderer:
         keep_signal: bool = False,
         keep_stars: bool = False,
         loop: bool = False,
+        prepare: Callable[[FrameSet], Any] | None = None,
     ) -> FrameStream:
         """Render frame after frame in real time, while the caller works on those before; `stats` says how it goes.
 
@@ -197,6 +198,7 @@ class Renderer:
             keep_signal: As in `render`.
             keep_stars: As in `render`.
             loop: Begin anew after the last frame, without end; pointing is then the scene's again.
+            prepare: Function of each frame, called ahead by the thread that renders; `latest.prepared` is its result.
 
         Returns:
             Iterator of FrameSets of one frame each; its `send` points sensors while it runs.
@@ -217,7 +219,8 @@ class Renderer:
             return frames
 
         pointing = CommandedPointing(self.scenario, request.instrument, request.sensors, self.devices)
-        self._stream = Stream(rendered, request.frames, rate_hz, drop, *sizes, loop=loop, pointing=pointing)
+        options: dict[str, Any] = {"loop": loop, "pointing": pointing, "prepare": prepare}
+        self._stream = Stream(rendered, request.frames, rate_hz, drop, *sizes, **options)
         return FrameStream(self._stream)
 
     @property

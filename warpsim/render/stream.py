@@ -90,6 +90,8 @@ class Handed(NamedTuple):
     """When it was due, by `time.perf_counter`; -inf in a stream without rate."""
     is_late: bool
     """Whether its time was over."""
+    prepared: Any = None
+    """What `prepare` has made of it."""
 
 
 class Stream:
@@ -105,6 +107,7 @@ class Stream:
         clock: The time [s].
         loop: Whether the first frame follows the last one.
         pointing: Pointing of the sensors, which may be commanded.
+        prepare: Function of a frame that is called ahead, by the thread that renders.
     """
 
     def __init__(
@@ -118,13 +121,15 @@ class Stream:
         clock: Callable[[], float] = time.perf_counter,
         loop: bool = False,
         pointing: CommandedPointing | None = None,
+        prepare: Callable[[FrameSet], Any] | None = None,
     ) -> None:
         self._render, self._frames, self._pointing = render, frames, pointing
+        self._prepare = prepare or (lambda _: None)
         self._n_frame_in_all = math.inf if loop and frames else len(frames)
         self._drop, self._n_ahead, self._n_together = drop, n_ahead, min(n_together, n_ahead)
         self._clock = clock
         self._pace = Pace(rate_hz, math.inf)
-        self._ring: deque[tuple[int, FrameSet]] = deque()  # index in the stream, frame
+        self._ring: deque[tuple[int, FrameSet, Any]] = deque()  # index in the stream, frame, what was made of it
         self._choosing = threading.Lock()  # no command comes between the choice of frames and that of their pointing
         self._next = self._lap = 0  # index of the frame to be rendered next, and passes through the frames before it
         self.latest = Handed(-1, math.nan, False)
@@ -200,20 +205,20 @@ class Stream:
             while self._drop and len(self._ring) > 1 and self._pace.over(self._ring[0][0], self._clock()):
                 self._ring.popleft()
                 self._n_dropped += 1
-            index, frame = self._ring.popleft()
+            index, frame, prepared = self._ring.popleft()
             self._changed.notify_all()
         due_s = self._pace.due_s(index)
         while (wait_s := due_s - self._clock()) > 0:
             time.sleep(wait_s)
-        self._note(index, self._clock(), asked_s if self._pace.rate_hz is None else due_s)
+        self._note(index, self._clock(), asked_s if self._pace.rate_hz is None else due_s, prepared)
         return frame
 
-    def _note(self, index: int, now_s: float, since_s: float) -> None:
+    def _note(self, index: int, now_s: float, since_s: float, prepared: Any) -> None:
         """Count a frame that is handed over now."""
         with self._changed:
             self._first_s, self._last_s = (self._first_s if self._n_frame else now_s), now_s
             is_late = self._pace.over(index, now_s)
-            self.latest = Handed(index, self._pace.due_s(index), is_late)
+            self.latest = Handed(index, self._pace.due_s(index), is_late, prepared)
             self._n_frame += 1
             self._n_late += is_late
             self._latency_s.append(now_s - since_s)
@@ -238,10 +243,12 @@ class Stream:
                     pointing = self._pointing
                     render = self._render if pointing is None else partial(self._render, instrument=pointing.instrument)
                 frames = render(some)
+                ready = [frames.one_frame(number) for number in range(len(some))]
+                made = [(index + number, frame, self._prepare(frame)) for number, frame in enumerate(ready)]
                 with self._changed:
-                    self._ring += [(index + number, frames.one_frame(number)) for number in range(len(some))]
+                    self._ring += made
                     self._changed.notify_all()
-                del frames  # its memory is to return once the consumer has let go
+                del frames, ready, made  # its memory is to return once the consumer has let go
                 index += len(some)
         except BaseException as error:
             self._error = error  # for the consumer to see
