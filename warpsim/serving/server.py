@@ -18,8 +18,8 @@ from warpsim.serving.ring import RingWriter
 from warpsim.serving.sockets import POLL_MS, CommandSocket, Publisher
 
 NS = 10**9
-RING_FRAMES = 8
-"""Frames that a ring holds, unless something else was asked for."""
+RING_S, RING_BYTES, LEAST_RING_FRAMES = 1.0, 64 * 2**20, 8
+"""A ring holds the frames of so long, if they take no more memory, but some; unless something else was asked for."""
 
 
 class FrameServer:
@@ -34,7 +34,7 @@ class FrameServer:
         sensors: As in `Renderer.render`: of one kind.
         bands: As there.
         rate_hz: Frames per second; the pace of the scene, 1 / interval_s, when left out.
-        address: Where to publish packets: "tcp://*:5555", "ipc:///tmp/frames". Needs the extra `serve`.
+        address: Where to publish packets: "tcp://0.0.0.0:5555", "ipc:///tmp/frames". Needs the extra `serve`.
         ring: Name of a file in /dev/shm to write packets to, or a path.
         control: Where pointing commands are taken: another such address.
         late: "drop": a frame whose time is over gives way to the next one where there is one; "send": every frame is
@@ -42,7 +42,7 @@ class FrameServer:
         loop: Begin anew after the last frame, without end.
         wait_for: Subscriptions to wait for before the first frame.
         n_ahead: Frames rendered ahead at most, as in `Renderer.stream`.
-        ring_frames: Frames that the ring holds.
+        ring_frames: Frames that the ring holds; those of a second, within 64 MiB, but at least 8, when left out.
 
     Raises:
         InputError: As in `Renderer.stream`; neither address nor ring is given; an address is in use, or the ring.
@@ -63,7 +63,7 @@ class FrameServer:
         loop: bool = False,
         wait_for: int = 0,
         n_ahead: int | None = None,
-        ring_frames: int = RING_FRAMES,
+        ring_frames: int | None = None,
     ) -> None:
         if late not in ("drop", "send"):
             raise InputError("must be 'drop' or 'send'", "late", late)
@@ -71,16 +71,19 @@ class FrameServer:
             raise InputError("one of them must be given: where packets go", "address, ring")
         if whole_number("wait_for", wait_for, 0) and address is None:
             raise InputError("is for subscriptions, which need an address", "wait_for", wait_for)
-        whole_number("ring_frames", ring_frames, 2)
         request = checked_request(renderer.scenario, frames, sensors, bands, (False, False))
         if not request.frames:
             raise InputError("must hold at least one", "frames")
-        rate_hz = checked_rate(1.0 / request.instrument.frames.interval_s if rate_hz is None else rate_hz)
+        rate_hz = checked_rate(rate_hz) or 1.0 / request.instrument.frames.interval_s
         asked = request.frames, request.sensors, request.bands
         self._maker = PacketMaker(renderer.scenario, request.instrument, *asked)
         self._n_frame, self._wait_for, self._sequence = len(request.frames), wait_for, 0
         options: dict[str, Any] = {"n_ahead": n_ahead, "loop": loop, "prepare": self._maker.packets}
         self._stream = renderer.stream(*asked, rate_hz, late == "drop", **options)
+        if ring_frames is None:
+            fitting = min(RING_S * rate_hz, RING_BYTES / (self._maker.packet_bytes * self._maker.n_image))
+            ring_frames = max(LEAST_RING_FRAMES, int(fitting))
+        whole_number("ring_frames", ring_frames, 2)
         about = {"rate_hz": rate_hz, "late": late, "loop": loop, "ring_frames": ring_frames}
         text = json.dumps(self._maker.description() | about).encode()
         self._ended = False
