@@ -37,12 +37,6 @@ def run(renderer, commands, n_frame=N_FRAME):
     return frames, applied
 
 
-def steps_of(applied, commands):
-    """Steps of a schedule that are commands as they were carried out."""
-    fields = [{key: value for key, value in command.items() if key != "sensor"} for command in commands]
-    return [{"start_s": row.start_s, **some} for row, some in zip(applied, fields, strict=True)]
-
-
 def assert_same(frames, scene, n_frame=N_FRAME, most_different=0):
     expected = ws.Renderer(scene, device="cpu").render(range(n_frame), SENSORS, ["A"])
     for name in ("axes_icrs", "slewing"):
@@ -70,7 +64,8 @@ def test_commands_replay_as_a_schedule(exposure_s, most_different):
     }
     frames, applied = run(ws.Renderer(scene_of(schedule(), **change), device="cpu"), commands)
     assert [row.sensor for row in applied] == ["sat11", "sat11"]
-    steps = steps_of(applied, commands.values())
+    steps = [row.step for row in applied]
+    assert [row.step.start_s for row in applied] == [row.start_s for row in applied]
     assert_same(frames, scene_of([schedule(*steps, on=["sat11"]), schedule()], **change), N_FRAME, most_different)
     slewing, begun = np.concatenate([frame.slewing for frame in frames]), applied[0].frame
     assert not slewing[:begun].any() and slewing[begun].tolist() == [True, False] and not slewing[:, 1].any()
@@ -102,7 +97,7 @@ def test_without_limits_the_camera_jumps():
         ws.Renderer(scene, device="cpu"), {3: {"sensor": "sat11", "azimuth_elevation_deg": [0, 10]}}, 20
     )
     assert row.start_s == row.settled_s == 600.0 + row.frame / 30
-    same = schedule({"start_s": row.start_s, "azimuth_elevation_deg": [0, 10]}, slew=None, on=["sat11"])
+    same = schedule(row.step, slew=None, on=["sat11"])
     assert_same(frames, scene_of([same, schedule(later, slew=None)]), 20)
 
 
@@ -115,9 +110,8 @@ def test_a_command_waits_until_the_camera_is_settled_and_the_latest_counts():
     }
     frames, (first, second, third) = run(renderer, commands)
     assert second.start_s == third.start_s == first.settled_s > 600.0 + first.frame / 30
-    steps = [{"start_s": first.start_s, "track": "sphere01", "offset_px": [40, 0]}]
-    steps.append({"start_s": third.start_s, "track": "sphere03"})
-    assert_same(frames, scene_of([schedule(*steps, on=["sat11"]), schedule()]))
+    assert third.step.track == "sphere03"
+    assert_same(frames, scene_of([schedule(first.step, third.step, on=["sat11"]), schedule()]))
 
 
 def test_many_commands_leave_no_trace():
@@ -130,9 +124,7 @@ def test_many_commands_leave_no_trace():
     frames, applied = run(ws.Renderer(scene, device="cpu"), commands)
     assert len(frames[-1].instrument.program.sensors[0].steps) == 9
     assert len(frames[-1].instrument.program.laws) <= 2 * 9 + 1
-    steps = {  # of several before the same frame the last counts
-        step["start_s"]: step for step in steps_of([row for row in applied if row.sensor == "sat11"], commands.values())
-    }
+    steps = {row.start_s: row.step for row in applied if row.sensor == "sat11"}  # the last before a frame counts
     steps = steps.values()
     assert_same(frames, scene_of([schedule(*steps, on=SENSORS, slew=None), {"kind": "track"}]))
 

@@ -292,7 +292,8 @@ class FrameStream(Iterator[FrameSet]):
                 PointingStep but `start_s`: `track`, `ra_dec_deg` or `azimuth_elevation_deg`, `offset_px`, `roll_deg`.
 
         Returns:
-            What was done, a row for each sensor: sensor, frame, start_s and settled_s (after the epoch) [s].
+            What was done, a row for each sensor: sensor, frame, start_s and settled_s (after the epoch) [s], and the
+            step of a schedule that repeats it.
 
         Raises:
             InputError: A field is unknown, or its value not valid; the sensor is not rendered, the target not there;

@@ -37,6 +37,8 @@ class AppliedCommand(NamedTuple):
     """When the camera begins to turn, after the scene's epoch [s]: at that frame, or when it had settled."""
     settled_s: float
     """When it is settled there [s]."""
+    step: PointingStep
+    """The command as the step of a schedule, to repeat the run."""
 
 
 class PointingCommand(NamedTuple):
@@ -92,7 +94,8 @@ def apply_command(
         with errors_at("command", name):
             program, turns[sensor] = _with_step(command.step, scenario, instrument, program, sensor, time_s)
         start_s = program.sensors[sensor].steps[-1].start_s
-        applied.append(AppliedCommand(name, frame, start_s, start_s + turns[sensor][-1].total_s))
+        step = replace(command.step, start_s=start_s)
+        applied.append(AppliedCommand(name, frame, start_s, start_s + turns[sensor][-1].total_s, step))
     return instrument.commanded(_without_unused_laws(program), turns), applied
 
 

@@ -23,6 +23,8 @@ LEAST_QUEUED_FRAMES = 4
 LINGER_MS = 1000
 """Packets that are under way at the end have so long to go."""
 POLL_MS = 50
+REPLIED = ("sensor", "frame", "start_s", "settled_s")
+"""Fields of a command that was carried out, in the reply."""
 
 
 def _zmq() -> Any:
@@ -126,7 +128,7 @@ class CommandSocket:
         except ValueError as error:
             return {"error": f"command: must be JSON: {one_line(error)}"}
         try:
-            return {"applied": [row._asdict() for row in self._send(command)]}
+            return {"applied": [{name: getattr(row, name) for name in REPLIED} for row in self._send(command)]}
         except InputError as error:
             return {"error": str(error)}
 
