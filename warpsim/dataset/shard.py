@@ -36,11 +36,11 @@ from warpsim.instant import utc_dates
 from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts, satnet_record
 from warpsim.labels.table import label_table, read_parquet, write_parquet
 from warpsim.optics.wcs import lens_keywords, tan_keywords
-from warpsim.output.fits_header import STATE_COLUMNS, Views
 from warpsim.output.joined_tables import joined_tables
 from warpsim.output.output_folder import PARTS, RUN, CheckpointRecord, OutputFolder, difference
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
+from warpsim.render.states import STATE_NAMES, sensor_states
 from warpsim.scene.provenance import provenance
 
 if TYPE_CHECKING:
@@ -53,8 +53,7 @@ IMAGE_UNITS = {
     "time_s": "s",
     "nei_w_cm2": "W / cm2",
     "sei_w_cm2": "W / cm2",
-    **{f"sensor_{axis}_m": "m" for axis in "xyz"},
-    **{f"sensor_v{axis}_m_s": "m / s" for axis in "xyz"},
+    **{name: unit for name, unit in STATE_UNITS.items() if name.startswith("sensor_")},
 }
 
 
@@ -122,9 +121,9 @@ class _ShardTables:
                 "wcs": np.repeat(np.array(wcs, dtype=object), n_band) if n_view else [],
             }
         )
-        states = [Views.of(frames, sensor).states for sensor in frames.sensors]
-        for name, word in STATE_COLUMNS.items():
-            table[name] = np.repeat(np.stack([state[word] for state in states], axis=1), n_band)
+        states = [sensor_states(instrument, name, frames.time_s, axes[:, s]) for s, name in enumerate(frames.sensors)]
+        for number, name in enumerate(STATE_NAMES):
+            table[f"sensor_{name}"] = np.repeat(np.stack([state[:, number] for state in states], axis=1), n_band)
         for name, unit in IMAGE_UNITS.items():
             table[name].unit = unit
         table.meta |= provenance(sequence.scene)

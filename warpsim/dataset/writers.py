@@ -36,7 +36,7 @@ from warpsim.dataset.layout import (
 )
 from warpsim.dataset.recipe import Recipe
 from warpsim.errors import InputError
-from warpsim.output.dates import utc_dates
+from warpsim.instant import utc_dates
 from warpsim.output.fits_header import Views
 from warpsim.output.formats import FORMATS, Animations, Format, ImageFiles, Images
 from warpsim.output.zarr_array import ARRAY

@@ -87,10 +87,6 @@ DESCRIPTIONS = {
     "mask_rle": "pixels with least_nei NEI of its light or more, COCO's compressed run lengths; empty if none",
     "kind": "hit: charge of a radiation hit; flicker: of a pixel that flickers and is on",
     "charge_e": "charge of a hit or a flickering pixel, of a detector in electrons",
-    "date_obs": "UTC, middle of the exposure",
-    **{f"sensor_{axis}_m": "position of the sensor, geocentric, GCRS axes" for axis in "xyz"},
-    **{f"sensor_v{axis}_m_s": "velocity of the sensor, geocentric, GCRS axes" for axis in "xyz"},
-    **{f"sensor_q{axis}": "quaternion of the rotation from GCRS to camera axes, scalar last" for axis in "xyzw"},
     "catalog_row": "row of the star in the catalog",
     "id": "name of the star in the catalog",
 }

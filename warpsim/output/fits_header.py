@@ -39,13 +39,6 @@ STATE_WORDS = {
 }
 """Keywords of the state of a view's sensor."""
 
-STATE_COLUMNS = {
-    **{f"sensor_{axis}_m": f"POS_{axis.upper()}" for axis in "xyz"},
-    **{f"sensor_v{axis}_m_s": f"VEL_{axis.upper()}" for axis in "xyz"},
-    **{f"sensor_q{axis}": f"QUAT_{axis.upper()}" for axis in "xyzw"},
-}
-"""The same as columns of tables of images, and their keywords."""
-
 
 def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, band: str) -> list[Card]:
     """Return the keywords common to all images of a sensor and band, without the lens."""
