@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -66,6 +66,19 @@ class LineOfSight:
         return self.range_m
 
 
+class SensorStates(NamedTuple):
+    """States of a sensor, geocentric, GCRS axes."""
+
+    time_s: F64
+    """After the scene's epoch [s], (n,)."""
+    position_m: F64
+    """[m], (n, 3)."""
+    velocity_m_s: F64
+    """[m/s], (n, 3)."""
+    axes_icrs: F64
+    """Camera axes as rows, (n, 3, 3)."""
+
+
 @dataclass(frozen=True)
 class ViewGeometry:
     """Camera and state of the sensor of an image.
@@ -96,6 +109,11 @@ class ViewGeometry:
             origin, direction = (np.einsum("nj,nji->ni", vectors, to_gcrs) for vectors in (origin, direction))
             return LineOfSight(self.sensor, time_s, origin, direction, distance, "itrs")
         return LineOfSight(self.sensor, time_s, origin, direction, distance)
+
+    def sensor_states(self, y_px: npt.ArrayLike) -> SensorStates:
+        """Return time and state of the sensor at the middle of the exposure of rows."""
+        time_s, camera_axes = self._rows(np.asarray(y_px, dtype=np.float64))
+        return SensorStates(time_s, *self.instrument.state(self.sensor, time_s), camera_axes)
 
     def project(self, position_m: npt.ArrayLike) -> tuple[F64, npt.NDArray[np.bool_]]:
         """As `FrameSet.project` says."""
