@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -52,15 +52,17 @@ class Sources:
     n_merged: npt.NDArray[np.int64]
 
 
-def merged_sources(rows: Table) -> Sources:
+_NUMBERS = ("irradiance_w_cm2", "clump_id", "x_px", "y_px", "x_sigma_px", "y_sigma_px", "irradiance_sigma_w_cm2")
+"""Columns of the truth that sources are made of."""
+
+
+def merged_sources(rows: Mapping[str, npt.NDArray[Any]]) -> Sources:
     """Return the sources of one image: each clump of the truth is one, at the centroid of its light.
 
     Errors are the brightest target's, with the clump's light for its own.
     """
-    light, clump = np.asarray(rows["irradiance_w_cm2"], dtype=np.float64), np.asarray(rows["clump_id"])
-    xy = np.stack([rows["x_px"], rows["y_px"]], axis=1).astype(np.float64)
-    columns = ("x_sigma_px", "y_sigma_px", "irradiance_sigma_w_cm2")
-    sigma = np.stack([rows[name] for name in columns], axis=1).astype(np.float64)
+    light, clump, *rest = (rows[name] for name in _NUMBERS)
+    xy, sigma = np.stack(rest[:2], axis=1), np.stack(rest[2:], axis=1)
     lit = np.flatnonzero((light > 0.0) & np.isfinite(xy).all(axis=1) & np.isfinite(sigma[:, 2]) & (clump >= 0))
     lit = lit[np.lexsort((lit, -light[lit], clump[lit]))]  # of each clump the brightest first
     ids, first, count = np.unique(clump[lit], return_index=True, return_counts=True)
@@ -83,18 +85,21 @@ def draw_detections(truth: Table, n_target: int, instrument: Instrument, draws: 
     """
     camera = instrument.sensor.camera
     size = np.array([camera.n_col, camera.n_row])
-    psfs = {band: PixelPsf(instrument.psf(band), camera.pixel_aspect) for band in np.unique(truth["band"]).tolist()}
+    faint = {}  # bounds of a source as bright as the noise of a pixel, for clutter
+    for band in np.unique(truth["band"]).tolist():
+        faint[band] = source_sigma(PixelPsf(instrument.psf(band), camera.pixel_aspect), 1.0)
+    columns = {name: np.asarray(truth[name]) for name in ("frame", "sensor", "band", "target", *_NUMBERS)}
     for start in range(0, len(truth), n_target):
-        rows = truth[start : start + n_target]
+        rows = {name: values[start : start + n_target] for name, values in columns.items()}
         frame, sensor, band = int(rows["frame"][0]), str(rows["sensor"][0]), str(rows["band"][0])
         key = instrument.noise_key(instrument.index(sensor)) + draws.seed
         sources = merged_sources(rows)
         on_array = np.all((sources.xy_px >= -0.5) & (sources.xy_px < size - 0.5), axis=1)
-        numbers = uniforms(key, f"detections {band}", frame, N_DRAW * len(rows)).reshape(-1, N_DRAW)[sources.target]
+        numbers = uniforms(key, f"detections {band}", frame, N_DRAW * n_target).reshape(-1, N_DRAW)[sources.target]
         measured, sigma, chosen = _drawn(sources, numbers, on_array, draws)
-        clutter = _clutter(key, band, frame, draws, psfs[band], instrument.nei_w_cm2(band), size)
+        clutter = _clutter(key, band, frame, draws, faint[band], instrument.nei_w_cm2(band), size)
         measured, sigma = (np.concatenate(pair) for pair in zip((measured, sigma), clutter, strict=True))
-        names = np.asarray(rows["target"])[sources.target[chosen]].tolist()
+        names = rows["target"][sources.target[chosen]].tolist()
         none = np.zeros(len(measured) - len(chosen), dtype=np.int64)
         names += [""] * len(none)
         clump_id = np.concatenate([sources.clump_id[chosen], none - 1])
@@ -119,7 +124,7 @@ def _drawn(
 
 
 def _clutter(
-    key: int, band: str, frame: int, draws: Draws, psf: PixelPsf, nei_w_cm2: float, size: npt.NDArray[np.int64]
+    key: int, band: str, frame: int, draws: Draws, faint: F64, nei_w_cm2: float, size: npt.NDArray[np.int64]
 ) -> tuple[F64, F64]:
     """Positions and light, and errors of false detections: even over the image, bright as noise above a threshold."""
     from scipy.special import ndtr, ndtri
@@ -131,8 +136,8 @@ def _clutter(
     count = int(poisson.ppf(first, draws.clutter_per_image))
     numbers = uniforms(key, f"clutter {band}", frame, 1 + 3 * count)[1:].reshape(-1, 3)
     snr = -ndtri(numbers[:, 2] * ndtr(-draws.threshold_sigma))
-    x_sigma, y_sigma, light_sigma = source_sigma(psf, 1.0) * np.array([1.0, 1.0, nei_w_cm2])
+    light_sigma = faint[2] * nei_w_cm2
     light = snr * light_sigma
-    across = np.fmin(np.outer(nei_w_cm2 / light, [x_sigma, y_sigma]), LARGEST_SIGMA_PX)
+    across = np.fmin(np.outer(nei_w_cm2 / light, faint[:2]), LARGEST_SIGMA_PX)
     position = numbers[:, :2] * size - 0.5
     return np.column_stack([position, light]), np.column_stack([across, np.full(count, light_sigma)])
