@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,15 +11,15 @@ import numpy.typing as npt
 
 from warpsim.arguments import above_zero, chosen_names, whole_number
 from warpsim.errors import InputError
-from warpsim.exchange.instants import instants_of_time, later
+from warpsim.instant import utc_dates
 from warpsim.measure.finding import FINDERS
 from warpsim.measure.from_images import Search, find_detections
 from warpsim.measure.from_truth import Draws, draw_detections
 from warpsim.measure.image_rows import ImageRows
-from warpsim.quaternion import from_matrix
 from warpsim.render.frameset import FrameSet
 from warpsim.render.line_of_sight import ViewGeometry
 from warpsim.render.renderer import Renderer
+from warpsim.render.states import STATE_NAMES, STATE_UNITS
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.version import __version__
@@ -37,9 +36,8 @@ _STEP_PX = 0.01
 UNITS = {
     "time_s": "s", "x_px": "pix", "y_px": "pix", "x_sigma_px": "pix", "y_sigma_px": "pix", "ra_deg": "deg",
     "dec_deg": "deg", "ra_cosdec_sigma_deg": "deg", "dec_sigma_deg": "deg", "irradiance_w_cm2": "W / cm2",
-    "irradiance_sigma_w_cm2": "W / cm2", "sensor_x_m": "m", "sensor_y_m": "m", "sensor_z_m": "m",
-    "sensor_vx_m_s": "m / s", "sensor_vy_m_s": "m / s", "sensor_vz_m_s": "m / s",
-}  # fmt: skip
+    "irradiance_sigma_w_cm2": "W / cm2",
+} | {name: unit for name, unit in STATE_UNITS.items() if name.startswith("sensor_")}  # fmt: skip
 
 
 def detections(
@@ -133,27 +131,37 @@ def _observed(
     source: Any, frames: Iterable[int] | None, sensors: Any, bands: Any
 ) -> tuple[Scenario, Table, Views, list[tuple[int, str, str]]]:
     """The scenario, truth by frame, sensor, band and target, geometry of views, and the images by their labels."""
-    from warpsim.measure.stand_in import with_bounds
+    from scipy.spatial.transform import Rotation
 
-    if not isinstance(source, FrameSet):
-        renderer = source if isinstance(source, Renderer) else Renderer(source)
-        everything = range(next(iter(renderer.scenario.instruments.values())).frames.count)
-        source = renderer.render(everything if frames is None else frames, sensors=sensors, bands=bands)
-        frames = sensors = bands = None
-    numbers = source.frames if frames is None else [int(number) for number in frames]
-    for number in numbers:
-        source.image_numbers("frames", number, source.sensors[0], source.bands[0])
-    names, band_names = chosen_names("sensors", sensors, source.sensors), chosen_names("bands", bands, source.bands)
-    shape = [len(source.frames), len(source.sensors), len(source.bands), -1]
-    chosen = [
-        [known.index(one) for one in some]
-        for known, some in ((source.frames, numbers), (source.sensors, names), (source.bands, band_names))
-    ]
-    rows = np.arange(len(source.truth)).reshape(shape)[np.ix_(*chosen)].ravel()
-    images = [(number, sensor, band) for number in numbers for sensor in names for band in band_names]
-    truth = with_bounds(source.truth[rows], source.instrument)
+    if isinstance(source, FrameSet):
+        truth = _chosen(source, frames, sensors, bands)
+    else:
+        source = source if isinstance(source, Renderer) else Renderer(source)
+        truth = source.truth(frames, sensors, bands)
+    scenario: Scenario = source.scenario
+    firsts = truth[:: len(scenario.target_names)] if len(truth) else truth
+    images = [(int(frame), str(sensor), str(band)) for frame, sensor, band in firsts["frame", "sensor", "band"]]
+    attitude = Rotation.from_quat(np.stack([firsts[f"sensor_q{axis}"] for axis in "xyzw"], axis=1))
+    axes = dict(zip([image[:2] for image in images], attitude.as_matrix(), strict=True))
 
-    return source.scenario, truth, partial(source.view_geometry, "detections"), images
+    def view(frame: int, sensor: str) -> ViewGeometry:
+        instrument = scenario.instrument_of(sensor)
+        time_s = float(instrument.frame_time_s([frame])[0])
+        return ViewGeometry(scenario, instrument, sensor, time_s, axes[frame, sensor])
+
+    return scenario, truth, view, images
+
+
+def _chosen(frames: FrameSet, numbers: Any, sensors: Any, bands: Any) -> Table:
+    """The truth of some of the rendered frames."""
+    chosen_frames = frames.frames if numbers is None else [int(number) for number in numbers]
+    for number in chosen_frames:
+        frames.image_numbers("frames", number, frames.sensors[0], frames.bands[0])
+    names = chosen_names("sensors", sensors, frames.sensors), chosen_names("bands", bands, frames.bands)
+    axes: Any = ((frames.frames, chosen_frames), (frames.sensors, names[0]), (frames.bands, names[1]))
+    chosen = [[known.index(one) for one in some] for known, some in axes]
+    shape = [len(known) for known, _ in axes]
+    return frames.truth[np.arange(len(frames.truth)).reshape(*shape, -1)[np.ix_(*chosen)].ravel()]
 
 
 def _table(scenario: Scenario, views: Views, found: list[ImageRows]) -> Table:
@@ -168,7 +176,7 @@ def _table(scenario: Scenario, views: Views, found: list[ImageRows]) -> Table:
     columns: dict[str, Any] = {
         "frame": np.repeat(np.array([rows.frame for rows in found], dtype=np.int64), count),
         "time_s": sky["time_s"],
-        "date_obs": _dates(scenario, sky["time_s"]),
+        "date_obs": np.asarray(utc_dates(scenario.scene.epoch_utc, sky["time_s"]), dtype="U26"),
         "sensor": np.repeat(np.array([rows.sensor for rows in found], dtype=str), count),
         "band": np.repeat(np.array([rows.band for rows in found], dtype=str), count),
         "x_px": xy[:, 0], "y_px": xy[:, 1], "x_sigma_px": sigma[:, 0], "y_sigma_px": sigma[:, 1],
@@ -191,13 +199,6 @@ def _joined(parts: list[F64], width: int) -> F64:
     return np.concatenate([np.zeros((0, width)), *parts])
 
 
-def _dates(scenario: Scenario, time_s: F64) -> npt.NDArray[np.str_]:
-    """UTC of times after the epoch, to the microsecond."""
-    times, index = np.unique(time_s, return_inverse=True)
-    texts = later(instants_of_time(scenario.epoch), times).dates("UTC", 6) if len(times) else []
-    return np.array(texts, dtype="U26")[index]
-
-
 def _sky(views: Views, found: list[ImageRows], xy_px: F64, sigma_px: F64) -> dict[str, F64]:
     """Times, directions with their errors, and states of sensors, of all detections."""
     step = _STEP_PX * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
@@ -207,9 +208,9 @@ def _sky(views: Views, found: list[ImageRows], xy_px: F64, sigma_px: F64) -> dic
         start += len(points)
         view = views(rows.frame, rows.sensor)
         line = view.line_of_sight((points[:, None] + step).reshape(-1, 2), None, "gcrs")
-        state = view.sensor_states(points[:, 1])
+        time_s, state = view.sensor_states(points[:, 1])
         direction = line.direction.reshape(-1, 15)
-        parts.append(np.column_stack([state[0], *state[1:3], from_matrix(state.axes_icrs), direction]))
+        parts.append(np.column_stack([time_s, state, direction]))
     values = _joined(parts, 26)
     around: npt.NDArray[np.float64] = values[:, 11:].reshape(-1, 5, 3)
     ra, dec = np.arctan2(around[:, 0, 1], around[:, 0, 0]), np.arcsin(np.clip(around[:, 0, 2], -1.0, 1.0))
@@ -219,7 +220,6 @@ def _sky(views: Views, found: list[ImageRows], xy_px: F64, sigma_px: F64) -> dic
     jacobian = np.einsum("nai,nij->naj", np.stack([east, north], axis=1), slopes)  # rad/px
     covariance = np.einsum("nai,ni,nbi->nab", jacobian, sigma_px[:, :2] ** 2, jacobian)
     spread = np.sqrt(np.einsum("naa->na", covariance))
-    names = [f"sensor_{name}" for name in ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "qx", "qy", "qz", "qw")]
     return {
         "time_s": values[:, 0],
         "ra_deg": np.degrees(ra) % 360.0,
@@ -227,5 +227,5 @@ def _sky(views: Views, found: list[ImageRows], xy_px: F64, sigma_px: F64) -> dic
         "ra_cosdec_sigma_deg": np.degrees(spread[:, 0]),
         "dec_sigma_deg": np.degrees(spread[:, 1]),
         "ra_dec_corr": covariance[:, 0, 1] / np.where(spread.all(axis=1), spread.prod(axis=1), 1.0),
-        **dict(zip(names, values[:, 1:11].T, strict=True)),
+        **{f"sensor_{name}": values[:, 1 + index] for index, name in enumerate(STATE_NAMES)},
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.orbit.earth import itrs_to_gcrs
 from warpsim.orbit.sun import earth_states
+from warpsim.render.states import sensor_states
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.sky.apparent import apparent_direction
@@ -66,19 +67,6 @@ class LineOfSight:
         return self.range_m
 
 
-class SensorStates(NamedTuple):
-    """States of a sensor, geocentric, GCRS axes."""
-
-    time_s: F64
-    """After the scene's epoch [s], (n,)."""
-    position_m: F64
-    """[m], (n, 3)."""
-    velocity_m_s: F64
-    """[m/s], (n, 3)."""
-    axes_icrs: F64
-    """Camera axes as rows, (n, 3, 3)."""
-
-
 @dataclass(frozen=True)
 class ViewGeometry:
     """Camera and state of the sensor of an image.
@@ -110,10 +98,10 @@ class ViewGeometry:
             return LineOfSight(self.sensor, time_s, origin, direction, distance, "itrs")
         return LineOfSight(self.sensor, time_s, origin, direction, distance)
 
-    def sensor_states(self, y_px: npt.ArrayLike) -> SensorStates:
-        """Return time and state of the sensor at the middle of the exposure of rows."""
+    def sensor_states(self, y_px: npt.ArrayLike) -> tuple[F64, F64]:
+        """Return times of rows after the epoch [s], (n,), and states of the sensor then, (n, 10), as STATE_NAMES."""
         time_s, camera_axes = self._rows(np.asarray(y_px, dtype=np.float64))
-        return SensorStates(time_s, *self.instrument.state(self.sensor, time_s), camera_axes)
+        return time_s, sensor_states(self.instrument, self.sensor, time_s, camera_axes)
 
     def project(self, position_m: npt.ArrayLike) -> tuple[F64, npt.NDArray[np.bool_]]:
         """As `FrameSet.project` says."""
