@@ -239,7 +239,7 @@ def bounds(xy_px, snr, psf):
 
 @pytest.mark.ci
 @pytest.mark.parametrize(("kind", "size"), [("gaussian", 0.8), ("airy", 0.06)])
-def test_fits_reach_the_cramer_rao_bound(record_accuracy, kind, size):
+def test_fits_reach_the_cramer_rao_bound(kind, size):
     scene = small_scene(psf=(kind, size), nei_w_cm2=2.5e-19)
     frames = ws.Renderer(scene).render(range(0, 162, 2))
     table = ws.detections(frames, background_px=0)
@@ -255,7 +255,8 @@ def test_fits_reach_the_cramer_rao_bound(record_accuracy, kind, size):
     assert len(table) > 300
     for axis, name in enumerate(("column", "row", "light")):
         ratio = float(np.sqrt(np.mean((off[:, axis] / bound[:, axis]) ** 2)))
-        record_accuracy(f"Fit of a source, {kind}: error of {name}", ratio, WITHIN, "of the bound", "deposit")
+        print(f"{kind}: error of {name} {ratio:.3f} of the bound, {len(table)} fits")
+        assert 0.85 < ratio < WITHIN
         assert abs(np.std(off[:, axis] / stated[:, axis]) - 1.0) < 0.1
 
 

@@ -46,8 +46,8 @@ def test_the_psf_is_the_better_measure(frames):
 def test_light_of_streaks_and_electrons_is_measured_whole():
     """A target crosses three pixels while the shutter is open; its own shot noise is most of the error."""
     electrons = ws.ElectronDetector(
-        exposure_s=1.0, quantum_efficiency=0.7, read_noise_e=10.0, dark_e_s=50.0, full_well_e=1e6, gain_e_per_count=16.0,
-        bits=16, offset_counts=100.0,
+        exposure_s=1.0, quantum_efficiency=0.7, read_noise_e=10.0, dark_e_s=50.0, full_well_e=1e6,
+        gain_e_per_count=16.0, bits=16, offset_counts=100.0,
     )  # fmt: skip
     moving = small_scene(detector=electrons, pointing__jitter={"rms_urad": 300.0, "correlation_s": 2.0})
     frames = ws.Renderer(moving).render(range(80, 140), sensors=["sat11", "sat27"])

@@ -138,9 +138,10 @@ class ViewGeometry:
 
     def _states(self, time_s: F64) -> tuple[F64, F64, F64]:
         """Position of the sensor, and barycentric velocities of the Earth and of the sensor, (n, 3) each."""
-        position, velocity = self.instrument.state(self.sensor, time_s)
-        earth = np.asarray(earth_states(self.scenario.epoch, time_s).velocity_m_s)
-        return position, earth, earth + velocity
+        times_s, index = np.unique(time_s, return_inverse=True)  # mostly one
+        position, velocity = self.instrument.state(self.sensor, times_s)
+        earth = np.asarray(earth_states(self.scenario.epoch, times_s).velocity_m_s)
+        return position[index], earth[index], (earth + velocity)[index]
 
 
 _N_ROW_STEP = 8
