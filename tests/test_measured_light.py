@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from astropy.table import Table
+from command_line import printed, refused
 from test_detections import small_scene
 
 import warpsim as ws
@@ -43,6 +44,7 @@ def test_the_psf_is_the_better_measure(frames):
     assert (psf["irradiance_sigma_w_cm2"] < 0.7 * aperture["irradiance_sigma_w_cm2"]).all()
 
 
+@pytest.mark.ci
 def test_light_of_streaks_and_electrons_is_measured_whole():
     """A target crosses three pixels while the shutter is open; its own shot noise is most of the error."""
     electrons = ws.ElectronDetector(
@@ -117,6 +119,36 @@ def test_states_of_sensors_stand_beside(tmp_path, found):
         expected = [last[f"sensor_{axis}_m"] for axis in "xyz"]
         np.testing.assert_allclose(segment.position_m[-1], expected, atol=1e-6)
         assert len(segment.instants) == len(set(rows["date_obs"]))
+
+
+@pytest.mark.parametrize("suffix", [".ecsv", ".csv", ".parquet", ".tdm"])
+def test_the_command_writes_what_python_gives(capsys, tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    options = ["--frames", "60:62", "--sensors", "sat11", "--bands", "A", "--clutter", "2", "--seed", "5"]
+    out = printed(capsys, "detect", "stss", "-o", path, *options)
+    expected = ws.detections(ws.Scene.load("stss"), [60, 61], "sat11", "A", clutter_per_image=2.0, seed=5)
+    named = np.sum(expected["target"] != "")
+    assert out == f"{len(expected)} detections in {path}, {named} of targets\n"
+    if suffix == ".tdm":
+        assert (tmp_path / "x.oem").is_file() and path.read_text().count("ANGLE_1 = ") == len(expected)
+        return
+    table = ws.labels.read_parquet(path) if suffix == ".parquet" else Table.read(path, format=f"ascii.{suffix[1:]}")
+    assert table.colnames == expected.colnames
+    np.testing.assert_array_equal(table["ra_deg"], expected["ra_deg"])
+    if suffix != ".csv":
+        assert table.meta["CLUTTER_PER_IMAGE"] == 2.0 and table["ra_deg"].unit == "deg"
+
+
+def test_the_command_looks_at_images_and_refuses_bad_options(capsys, tmp_path):
+    some = ["detect", "stss", "-o", tmp_path / "x.csv", "--sensors", "sat11", "--bands", "A"]
+    assert " detections in " in printed(capsys, *some, "--frames", "60:62", "--images", "matched_filter")
+    for more, text in (
+        (["--frames", "900:"], "--frames: must name some of the 162 frames, got '900:'"),
+        (["--threshold", "x"], "--threshold: must be a number, got 'x'"),
+        (["--images", "x", "--frames", "60"], "method: must be one of truth, matched_filter, sep, photutils, got 'x'"),
+    ):
+        assert text in refused(capsys, *some, "--overwrite", *more)
+    assert "x.csv: is there already" in refused(capsys, *some)
 
 
 def test_bad_input_is_one_line(tmp_path, found, frames):
