@@ -35,6 +35,8 @@ from warpsim.render.light_curves import light_curves as light_curves
 from warpsim.render.light_curves import LightCurves as LightCurves
 from warpsim.render.deposit import deposit as deposit
 from warpsim.speed.work import measure_fps as measure_fps
+from warpsim.measure.detections import detections as detections
+from warpsim.measure.photometry import photometry as photometry
 from warpsim.measure.triangulation import triangulate as triangulate
 from warpsim.measure.earth_fixed import earth_fixed as earth_fixed
 from warpsim.measure.triangulation import Triangulation as Triangulation
@@ -124,6 +126,7 @@ from warpsim.exchange.write import write_oem as write_oem
 from warpsim.exchange.write import write_stk_ephemeris as write_stk_ephemeris
 from warpsim.exchange.write import write_aem as write_aem
 from warpsim.exchange.write import write_stk_attitude as write_stk_attitude
+from warpsim.exchange.tdm import write_tdm as write_tdm
 
 # datasets
 from warpsim.dataset.write_dataset import write_dataset as write_dataset

@@ -40,7 +40,7 @@ from warpsim.output.joined_tables import joined_tables
 from warpsim.output.output_folder import PARTS, RUN, CheckpointRecord, OutputFolder, difference
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
-from warpsim.render.states import STATE_NAMES, sensor_states
+from warpsim.render.states import STATE_NAMES, STATE_UNITS, sensor_states
 from warpsim.scene.provenance import provenance
 
 if TYPE_CHECKING:
