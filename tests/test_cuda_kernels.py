@@ -64,6 +64,7 @@ FACTORY_ARGUMENTS = {
         for light in (gaussian_light(), table_light(NODES), table_light(LAYOUTS[1]))
         for streaks in (False, True)
     ],
+    "make_resolution_kernel": [(gaussian_light(), False), (table_light(NODES), True), (table_light(LAYOUTS[1]), False)],
     "make_half_read_out": [],  # functions of the kernels below
     "make_noise_keys": [],
     "make_map_plane": [],

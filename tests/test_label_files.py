@@ -10,8 +10,8 @@ from astropy.table import MaskedColumn, Table
 
 import warpsim as ws
 from warpsim.files import write_fits_table
-from warpsim.labels.boxes import blur_half_px
 from warpsim.labels.table import DESCRIPTIONS
+from warpsim.render.resolution import blur_half_px
 
 pyarrow = pytest.importorskip("pyarrow")
 

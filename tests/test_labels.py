@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis.extra import numpy as arrays
 
 import warpsim as ws
-from warpsim.labels.boxes import BOX_FRACTION, blur_half_px, masks_to_rle, rle_area
+from warpsim.labels.boxes import masks_to_rle, rle_area
 from warpsim.optics.enclosed import box_half_width_px
+from warpsim.render.resolution import BOX_FRACTION, blur_half_px
 
 SENSOR = "sat11"
 FRAME = 60

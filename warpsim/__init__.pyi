@@ -35,6 +35,7 @@ from warpsim.render.light_curves import LightCurves as LightCurves
 from warpsim.render.deposit import deposit as deposit
 from warpsim.speed.work import measure_fps as measure_fps
 from warpsim.measure.triangulation import triangulate as triangulate
+from warpsim.measure.earth_fixed import earth_fixed as earth_fixed
 from warpsim.measure.triangulation import Triangulation as Triangulation
 
 # orbits

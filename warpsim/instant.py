@@ -188,3 +188,24 @@ def _take_leap_seconds() -> None:
     rows = np.loadtxt(IERS_LEAP_SECOND_FILE, usecols=(3, 2, 4), dtype=erfa.dt_eraLEAPSECOND)
     if rows[-1] != erfa.leap_seconds.get()[-1]:
         erfa.leap_seconds.update(rows)
+
+
+def utc_dates(epoch_utc: str, time_s: ArrayLike) -> NDArray[Any]:
+    """Return ISO 8601 dates, UTC to the microsecond, of times after an epoch [s]."""
+    with years_ahead():
+        times = _utc(epoch_utc, time_s)
+        times.precision = 6
+        return np.asarray(times.isot)
+
+
+def utc_mjd(epoch_utc: str, time_s: ArrayLike) -> NDArray[np.float64]:
+    """Return modified Julian dates of UTC, good to a microsecond, of times after an epoch [s]."""
+    with years_ahead():
+        return np.asarray(_utc(epoch_utc, time_s).mjd)
+
+
+def _utc(epoch_utc: str, time_s: ArrayLike) -> Time:
+    from astropy.time import TimeDelta
+
+    # TAI seconds: UTC days may hold a leap second.
+    return (utc_time(epoch_utc).tai + TimeDelta(np.asarray(time_s, dtype=np.float64), format="sec")).utc

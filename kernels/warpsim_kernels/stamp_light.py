@@ -52,6 +52,9 @@ class LightFunctions(NamedTuple):
     reach_of: Any
     """(tables, band: int, cut: float) -> reach of the stamp [px]."""
 
+    aspect_of: Any
+    """(tables, band: int) -> reach along columns over that along rows."""
+
     blur_of: Any
     """(tables, band: int) -> Blur."""
 
@@ -71,6 +74,10 @@ def gaussian_light() -> LightFunctions:
         return gaussian_reach_px(tables.psfs[band].sigma_px, cut)
 
     @wp.func
+    def aspect_of(tables: GaussianTables, band: int) -> float:
+        return tables.psfs[band].sigma_px[0] / tables.psfs[band].sigma_px[1]
+
+    @wp.func
     def blur_of(tables: GaussianTables, band: int) -> Blur:
         return gaussian_blur(tables.psfs[band].sigma_px)
 
@@ -85,7 +92,7 @@ def gaussian_light() -> LightFunctions:
         """Row by row."""
         half = wp.float64(0.5)
         sigma_px = tables.psfs[band].sigma_px
-        stamp = stamp_around(xy_px, reach_px, sigma_px[0] / sigma_px[1], whole_plane())
+        stamp = stamp_around(xy_px, reach_px, aspect_of(tables, band), whole_plane())
         total = wp.float64(0.0)
         for row in range(stamp.window.first_row, stamp.window.end_row):
             columns = columns_of_row(stamp, row)
@@ -95,7 +102,7 @@ def gaussian_light() -> LightFunctions:
             total += wp.float64(row_fraction) * wp.float64(fraction_between(left, right))
         return total
 
-    return LightFunctions(GaussianTables, reach_of, blur_of, pixel_fraction, stamp_fraction)
+    return LightFunctions(GaussianTables, reach_of, aspect_of, blur_of, pixel_fraction, stamp_fraction)
 
 
 @wp.func
@@ -138,6 +145,10 @@ def table_light(layout: TableLayout) -> LightFunctions:
     @wp.func
     def reach_of(tables: Tables, band: int, cut: float) -> float:
         return table_reach_px(tables.table, tables.psfs[band], cut)
+
+    @wp.func
+    def aspect_of(tables: Tables, band: int) -> float:
+        return tables.psfs[band].pixel_aspect
 
     @wp.func
     def blur_of(tables: Tables, band: int) -> Blur:
@@ -209,13 +220,13 @@ def table_light(layout: TableLayout) -> LightFunctions:
             total += wp.float64(ring)
         return total
 
-    return LightFunctions(Tables, reach_of, blur_of, pixel_fraction, stamp_fraction)
+    return LightFunctions(Tables, reach_of, aspect_of, blur_of, pixel_fraction, stamp_fraction)
 
 
 @functools.cache
 def make_light_kernel(light: LightFunctions, streaks: bool) -> wp.Kernel:
     """Kernel for one family; without streaks it looks at no paths."""
-    Tables, reach_of, blur_of, pixel_fraction, stamp_fraction = light
+    Tables, reach_of, _, blur_of, pixel_fraction, stamp_fraction = light
 
     @wp.kernel(module="unique", enable_backward=False)
     def light_kernel(

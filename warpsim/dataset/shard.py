@@ -31,10 +31,10 @@ from warpsim.dataset.recipe import SHARDED, Recipe
 from warpsim.dataset.writers import bytes_per_view, planes_of, shard_writer
 from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of, write_json
+from warpsim.instant import utc_dates
 from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts, satnet_record
 from warpsim.labels.table import label_table, read_parquet, write_parquet
 from warpsim.optics.wcs import lens_keywords, tan_keywords
-from warpsim.output.dates import utc_dates
 from warpsim.output.joined_tables import joined_tables
 from warpsim.output.output_folder import PARTS, RUN, CheckpointRecord, OutputFolder, difference
 from warpsim.render.frameset import FrameSet

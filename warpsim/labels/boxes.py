@@ -12,17 +12,11 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.legendre import series_at
-from warpsim.optics.enclosed import box_half_width_px
-from warpsim.render.device_upload import table_accuracy
 from warpsim.render.frameset import FrameSet
-from warpsim.scene.instrument import Instrument
+from warpsim.render.resolution import blur_half_px
 
 F64 = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
-
-BOX_FRACTION = 0.84
-"""Part of a point's light that its box holds, pixels included; of an Airy pattern about that within the first dark
-ring."""
 
 CORNER_PX = 0.5
 """Our pixel centres lie on whole numbers, COCO's pixel corners: its coordinates are larger by this."""
@@ -65,13 +59,6 @@ def box_around(low_px: F64, high_px: F64, half_px: F64, size_px: npt.NDArray[np.
     left_top = np.clip(low_px - half_px + CORNER_PX, 0.0, size_px)
     right_bottom = np.clip(high_px + half_px + CORNER_PX, 0.0, size_px)
     return np.concatenate([left_top, right_bottom - left_top], axis=-1)
-
-
-def blur_half_px(instrument: Instrument, band: str) -> tuple[float, float]:
-    """Return half the box that holds BOX_FRACTION of a point's light in a band: along columns and rows [px]."""
-    aspect = instrument.sensor.camera.pixel_aspect
-    half_px = box_half_width_px(instrument.psf(band), BOX_FRACTION, aspect, table_accuracy(instrument))
-    return half_px, half_px / aspect
 
 
 def path_extent(frames: FrameSet) -> tuple[F64, F64, Bools]:

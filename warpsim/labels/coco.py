@@ -21,10 +21,11 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.files import plain_number, whole_file
-from warpsim.labels.boxes import CORNER_PX, blur_half_px, box_around, mask_to_rle, rle_area
+from warpsim.labels.boxes import CORNER_PX, box_around, mask_to_rle, rle_area
 from warpsim.labels.table import BOX_COLUMNS
 from warpsim.radiometry.magnitudes import PHYSICS
 from warpsim.render.frameset import FrameSet
+from warpsim.render.resolution import blur_half_px
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 

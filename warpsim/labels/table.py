@@ -16,6 +16,7 @@ from warpsim.errors import InputError
 from warpsim.files import plain_number, whole_file
 from warpsim.labels.boxes import masks_to_rle, target_boxes
 from warpsim.render.frameset import FrameSet
+from warpsim.render.states import STATE_NAMES
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -32,6 +33,7 @@ META_KEY = b"warpsim"
 DESCRIPTIONS = {
     "frame": "frame number",
     "time_s": "time of the frame after the epoch",
+    "date_obs": "UTC of the frame, middle of the exposure",
     "sensor": "name of the sensor",
     "band": "name of the band",
     "target": "name of the target",
@@ -62,6 +64,20 @@ DESCRIPTIONS = {
     "background_w_cm2": "what the background adds to the target's pixel; NaN far outside the frame",
     "noise_nei": "standard deviation of the noise of a pixel with the background",
     "earth_behind": "the line of sight meets the Earth behind the target",
+    "neighbour_px": "distance to the nearest other target with light in the image; NaN without one",
+    "clump_id": "number of its clump in the image: targets that merge share one; -1 without light",
+    "resolvable": "gives light, and is alone in its clump",
+    "blend_fraction": "part of the light of all targets in its own pixel that others give",
+    "x_sigma_px": "Cramer-Rao bound of an unbiased fit of its x, y and light to the image, all else known",
+    "y_sigma_px": "Cramer-Rao bound of y",
+    "irradiance_sigma_w_cm2": "Cramer-Rao bound of the irradiance",
+    **{
+        f"{body}_{name}": f"{what}, geocentric, GCRS axes{when}"
+        for body, when in (("sensor", ""), ("target", ", when the light left"))
+        for name, what in zip(STATE_NAMES[:6], ["position"] * 3 + ["velocity"] * 3, strict=True)
+    },
+    **{f"sensor_{name}": "quaternion of the rotation from GCRS to camera axes" for name in STATE_NAMES[6:]},
+    **{f"target_{name}": "the same to body axes, when the light left" for name in STATE_NAMES[6:]},
     "visible": "gives light, and is on the array at some time of the exposure",
     "keypoint_visibility": "2: its own pixel gets least_nei NEI of its light; 1: visible, but less or off the array",
     "box_x_px": "left edge of the box; pixel edges on whole numbers from 0",

@@ -12,8 +12,14 @@ from warpsim_kernels.deposit_gaussian import GAUSSIAN_SIMD_WIDTH, GaussianTables
 from warpsim_kernels.deposit_table import make_deposit_table_kernel, pattern_tables
 from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.records import Sources
+from warpsim_kernels.resolution import make_resolution_kernel
 from warpsim_kernels.spots import SpotFunctions, gaussian_spots, table_spots
-from warpsim_kernels.stamp_light import gaussian_light, make_light_kernel, table_light
+from warpsim_kernels.stamp_light import (
+    LightFunctions,
+    gaussian_light,
+    make_light_kernel,
+    table_light,
+)
 from warpsim_kernels.stamp_sizes import size_gaussian_stamps_kernel, size_table_stamps_kernel
 from warpsim_kernels.stamps import StampRule
 from warpsim_kernels.streaks import Blur, Paths, StreakRules
@@ -132,9 +138,20 @@ class PsfBank:
             outputs: peak_fraction, total_fraction, each (n_view, n_band, n_source).
             paths: As in deposit.
         """
-        light = gaussian_light() if self._layout is None else table_light(self._layout)
         inputs = [*sources, self.tables, rule, *_movement(paths, outputs[0].device)]
-        _launch(make_light_kernel(light, paths is not None), inputs, outputs)
+        _launch(make_light_kernel(self._light, paths is not None), inputs, outputs)
+
+    def measure_resolution(
+        self, targets: Any, rule: Any, merge_px: wp.array, noise: Any, outputs: list[wp.array], moving: bool
+    ) -> None:
+        """Tell how well targets can be told apart and measured; structs and arrays as the kernel has them."""
+        rules = streak_rules(outputs[0].device) if moving else StreakRules()
+        inputs = [targets, self.tables, rule, rules, merge_px, noise]
+        _launch(make_resolution_kernel(self._light, moving), inputs, outputs)
+
+    @property
+    def _light(self) -> LightFunctions:
+        return gaussian_light() if self._layout is None else table_light(self._layout)
 
     def of_band(self, band: int) -> PsfBank:
         """Return the bank of one of the bands alone, with the same tables."""

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.errors import InputError
 from warpsim.files import check_new_file, whole_file
+from warpsim.instant import utc_dates
 from warpsim.orbit.intervals import Intervals
 from warpsim.output.czml_samples import DATE_S, DEGREE, Piece, PositionFunction, sampled_track
-from warpsim.output.dates import utc_dates
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of

@@ -19,8 +19,8 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.files import naming
+from warpsim.instant import utc_dates
 from warpsim.optics.wcs import lens_keywords, tan_keywords, wcs_from_keywords
-from warpsim.output.dates import utc_dates
 from warpsim.output.fits_header import Card, Views
 from warpsim.scene.description import SceneDescription
 

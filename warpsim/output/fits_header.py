@@ -14,9 +14,10 @@ import numpy.typing as npt
 
 from warpsim.detector.detectors import TERMS, Detector, ElectronDetector, detector_terms
 from warpsim.detector.levels import ElectronLevels, Levels
+from warpsim.instant import utc_dates, utc_mjd
 from warpsim.optics.wcs import lens_keywords, tan_keywords
-from warpsim.output.dates import utc_dates, utc_mjd
 from warpsim.render.frameset import FrameSet
+from warpsim.render.states import sensor_states
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.version import __version__
@@ -112,11 +113,7 @@ class Views:
     @property
     def states(self) -> dict[str, npt.NDArray[np.float64]]:
         """Position, velocity and attitude of the sensor by keyword, shape (frame,)."""
-        from scipy.spatial.transform import Rotation
-
-        position, velocity = self.instrument.state(self.sensor, self.time_s)
-        attitude = Rotation.from_matrix(self.axes_icrs).as_quat(canonical=True)
-        columns = np.concatenate([position, velocity, attitude], axis=-1).T
+        columns = sensor_states(self.instrument, self.sensor, self.time_s, self.axes_icrs).T
         return dict(zip(STATE_WORDS, columns, strict=True))
 
 

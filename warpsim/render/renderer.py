@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import warp as wp
 from warpsim_kernels.stamp_sizes import size_table_stamps_kernel
@@ -15,23 +15,28 @@ from warpsim_kernels.stamp_sizes import size_table_stamps_kernel
 from warpsim.arguments import whole_number
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
-from warpsim.render.batch import Batch, new_batch
+from warpsim.render.batch import Batch, HostColumns, new_batch
 from warpsim.render.device import chosen_devices, kernel_loading, worker_count
 from warpsim.render.device_scene import Streaks
 from warpsim.render.device_upload import make_device_scene
 from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
+from warpsim.render.observation import observe
 from warpsim.render.pipelines import Pipelines
 from warpsim.render.pool import pool_of
 from warpsim.render.request import Request, checked_rate, checked_request
 from warpsim.render.stars import Skies
 from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, Stream, StreamStats, stream_sizes
 from warpsim.render.tiled_stars import with_stars_of
+from warpsim.render.truth import ImageAxes, truth_table
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 from warpsim.sky.catalog import StarCatalog
+
+if TYPE_CHECKING:
+    from astropy.table import Table
 
 
 class Renderer:
@@ -168,6 +173,29 @@ class Renderer:
         if frames is None:
             raise InputError("must be a list or range of frame numbers", "frames", frames)
         return self._render(checked_request(self.scenario, frames, sensors, bands, (keep_signal, keep_stars)))
+
+    def truth(
+        self,
+        frames: Iterable[int] | None = None,
+        sensors: str | Sequence[str] | None = None,
+        bands: str | Sequence[str] | None = None,
+    ) -> Table:
+        """Return the truth of frames without rendering them: `render(...).truth` with no pixel drawn.
+
+        Args:
+            frames: Frame numbers, in the requested order; all of the scene when left out.
+            sensors: As in `render`.
+            bands: As in `render`.
+
+        Raises:
+            InputError: As in `render`.
+        """
+        request = checked_request(self.scenario, frames, sensors, bands, (False, False))
+        with self._lock:
+            scene = self._pipelines_of(request.instrument, tuple(request.bands)).scene
+            columns = observe(scene, request.frames, request.sensors, self._threads)
+        axes = ImageAxes(self.scenario, request.instrument, list(request.frames), request.sensors, request.bands)
+        return truth_table(axes, scene, HostColumns(columns))
 
     def stream(
         self,

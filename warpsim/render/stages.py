@@ -57,15 +57,31 @@ def view_stages(
     rows: RowViews | None,
 ) -> list[Stage]:
     """Return the stages that find the sources of views; `exposure` where light moves, `rows` where rows differ."""
-    first, stars = aim(scene, inputs, columns.views, exposure), gather_stars(scene, inputs, columns.views, sources)
+    stages = target_stages(scene, inputs, columns, sources, area_series, exposure, rows)
+    stars = gather_stars(scene, inputs, columns.views, sources)
+    stages.insert(1 if rows is not None else 2, stars)
+    return stages
+
+
+def target_stages(
+    scene: DeviceBodies,
+    inputs: Inputs,
+    columns: Columns,
+    sources: Any,
+    area_series: wp.array,
+    exposure: ExposureViews | None,
+    rows: RowViews | None,
+) -> list[Stage]:
+    """Return the stages that find targets alone."""
+    first = aim(scene, inputs, columns.views, exposure)
     targets = observe_targets(scene, inputs, columns, sources, area_series, rows)
     if exposure is None:
-        return [first, targets, stars]
+        return [first, targets]
     if rows is None:
-        return [first, targets, stars, trace(scene, scene.streaks, exposure, sources, columns.offset_px)]
+        return [first, targets, trace(scene, scene.streaks, exposure, sources, columns.offset_px)]
     paths = trace(scene, scene.streaks, exposure, rows.sources, columns.offset_px)
     found = roll(scene, inputs, columns, sources, rows)
-    return [first, stars, locate_targets(scene, exposure, sources), paths, found, targets]
+    return [first, locate_targets(scene, exposure, sources), paths, found, targets]
 
 
 def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: ExposureViews | None = None) -> Stage:
@@ -216,10 +232,7 @@ def background(
     n_image, (n_row, n_col) = n_view * scene.n_band, signal.images.shape[2:]
     sky, earth = nodes.sky_w_cm2[:n_view], nodes.earth_km[:n_view]
     block_dim = TILE_THREADS_CUDA if scene.device.is_cuda else 1
-    stray, views = nodes.stray_w_cm2_sr[:n_view], [inputs.time_s, columns.views, own.struct]
-    launches = [Launch(own.stray_kernel, (n_view,), views, [stray], scene.device)] if own.stray else []
-    launches += [
-        Launch(own.nodes_kernel, (n_view, own.n_node), [*views, stray], [sky, earth], scene.device),
+    launches = [
         Launch(
             own.add_kernel,
             [n_image * n_row],
@@ -227,30 +240,32 @@ def background(
             [signal.flat, signal.touched.flatten()],
             scene.device,
             block_dim,
-        ),
-        Launch(
-            own.targets_kernel,
-            (n_view, scene.n_target),
-            [sources.xy_px, own.struct, sky, earth],
-            [columns.background_w_cm2],
-            scene.device,
-        ),
+        )
     ]
     if own.image_w_cm2 is not None:
-        image = own.image_w_cm2
-        reads = [image.flatten(), n_row * n_col, scene.n_band]
-        in_truth = [sources.xy_px, image]
-        launches += [
-            Launch(add_image_kernel, [n_image * n_row * n_col], reads, [signal.flat], scene.device),
-            Launch(
-                image_of_targets_kernel,
-                (n_view, scene.n_target),
-                in_truth,
-                [columns.background_w_cm2],
-                scene.device,
-            ),
-        ]
-    return Stage("background", n_view, launches)
+        reads = [own.image_w_cm2.flatten(), n_row * n_col, scene.n_band]
+        launches.append(Launch(add_image_kernel, [n_image * n_row * n_col], reads, [signal.flat], scene.device))
+    behind = background_of_targets(scene, inputs, columns, sources, nodes)
+    return Stage("background", n_view, [*behind.launches, *launches])
+
+
+def background_of_targets(
+    scene: DeviceScene, inputs: Inputs, columns: Columns, sources: Any, nodes: BackgroundNodes
+) -> Stage:
+    """Nodes of what lies behind all sources, and how bright it is behind each target."""
+    own, n_view = scene.background, len(columns.views)
+    assert own is not None
+    sky, earth = nodes.sky_w_cm2[:n_view], nodes.earth_km[:n_view]
+    stray, views = nodes.stray_w_cm2_sr[:n_view], [inputs.time_s, columns.views, own.struct]
+    dim, out, device = (n_view, scene.n_target), [columns.background_w_cm2], scene.device
+    launches = [Launch(own.stray_kernel, (n_view,), views, [stray], device)] if own.stray else []
+    launches += [
+        Launch(own.nodes_kernel, (n_view, own.n_node), [*views, stray], [sky, earth], device),
+        Launch(own.targets_kernel, dim, [sources.xy_px, own.struct, sky, earth], out, device),
+    ]
+    if own.image_w_cm2 is not None:
+        launches.append(Launch(image_of_targets_kernel, dim, [sources.xy_px, own.image_w_cm2], out, device))
+    return Stage("background_of_targets", n_view, launches)
 
 
 def deposit(scene: DeviceScene, sources: Any, brightness: wp.array | None, signal: Signal) -> Stage:

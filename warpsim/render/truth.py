@@ -13,12 +13,15 @@ from warpsim_kernels.signature import N_TERM
 
 from warpsim.detector.detectors import ElectronDetector
 from warpsim.detector.levels import ElectronLevels
+from warpsim.instant import utc_dates
 from warpsim.launches import to_numpy
 from warpsim.optics.psf_bank import paths_struct
 from warpsim.orbit.earth import earth_clearance_m
 from warpsim.render.batch import HostColumns
 from warpsim.render.device_scene import DeviceBodies, DeviceScene, moved
+from warpsim.render.resolution import resolution_columns
 from warpsim.render.stages import split_light
+from warpsim.render.states import STATE_NAMES, STATE_UNITS, sensor_states, target_states
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
 from warpsim.scene.scenario import Scenario
@@ -52,16 +55,20 @@ class ImageAxes:
 def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Table:
     """Return one row per frame x sensor x band x target.
 
-    Columns: frame, time_s, sensor, band, target, class; access (the sensor may observe this target), in_fov, occulted,
-    not_deployed (still with its main target), absent (before or after it exists: the row knows nothing else); x_px and
-    y_px in the middle of the exposure (NaN behind the camera and for absent targets), dx_px and dy_px from its start to
-    its end (0 where streaks are off), row_time_s (with line_time_s alone: mid-exposure of its row after the frame's
-    time, when all but access is as the row says), range_km, aspect_deg, projected_area_m2 (mean over the exposure),
-    temperature_k, sunlit_fraction; irradiance_w_cm2 at the pupil (0 when occulted, not deployed or absent) and what it
-    is the sum of, emitted_w_cm2, sun_w_cm2, earth_w_cm2 and albedo_w_cm2 (0 where the scene leaves a term out); snr =
-    irradiance / NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond the stamp). With a background
-    also background_w_cm2, what it adds to the target's pixel, noise_nei, the noise of a pixel with it, and
-    earth_behind, whether the line of sight meets the Earth behind the target; NaN and false far outside the frame.
+    Columns: frame, time_s, date_obs (UTC), sensor, band, target, class; access (the sensor may observe this target),
+    in_fov, occulted, not_deployed (still with its main target), absent (the row knows nothing else); x_px and y_px in
+    the middle of the exposure (NaN behind the camera and for absent targets), dx_px and dy_px from its start to its end
+    (0 where streaks are off), row_time_s (with line_time_s alone: mid-exposure of its row after the frame's time, when
+    all but access is as the row says), range_km, aspect_deg, projected_area_m2 (mean over the exposure), temperature_k,
+    sunlit_fraction; irradiance_w_cm2 at the pupil (0 when occulted, not deployed or absent) and what it is the sum of,
+    emitted_w_cm2, sun_w_cm2, earth_w_cm2 and albedo_w_cm2 (0 where the scene leaves a term out); snr = irradiance /
+    NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond the stamp). How well it can be told apart
+    and measured (`warpsim.render.resolution`): neighbour_px, clump_id, resolvable, blend_fraction (part of the targets'
+    light in its own pixel that is not its own), and x_sigma_px, y_sigma_px and irradiance_sigma_w_cm2, Cramer-Rao
+    bounds. States, geocentric in GCRS axes: sensor_x_m ... sensor_vz_m_s, sensor_qx ... sensor_qw (rotation from GCRS
+    to camera axes), target_x_m ... target_qw (from GCRS to body axes) when the light left. With a background also
+    background_w_cm2, what it adds to the target's pixel, noise_nei, the noise of a pixel with it, and earth_behind,
+    whether the line of sight meets the Earth behind the target; NaN and false far outside the frame.
     """
     from astropy.table import Table
 
@@ -77,6 +84,7 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Tab
     columns = {
         "frame": spread(np.asarray(frames.frames, dtype=np.int64), 0),
         "time_s": spread(frames.time_s, 0),
+        "date_obs": spread(utc_dates(frames.scenario.scene.epoch_utc, frames.time_s), 0),
         "sensor": spread(frames.sensors, 1),
         "band": spread(frames.bands, 2),
         "target": spread(np.array([target.name for target in targets], dtype=str), 3),
@@ -88,6 +96,10 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Tab
     if seen.background_w_cm2 is not None:
         columns |= {name: spread(values, 0, 1, 2, 3) for name, values in _background(frames, seen).items()}
         columns["earth_behind"] = spread(_earth_behind(frames, seen), 0, 1, 3)
+    apart = resolution_columns(scene, frames.bands, seen)
+    columns |= {name: spread(values, 0, 1, 2, 3) for name, values in apart.items()}
+    columns |= {name: spread(values, 0, 1) for name, values in _sensor_states(frames, seen).items()}
+    columns |= {name: spread(values, 0, 1, 3) for name, values in _target_states(frames, seen).items()}
     table = Table(columns)
     for name in table.colnames:
         if name in _UNITS or name.endswith("_w_cm2"):
@@ -97,7 +109,8 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Tab
 
 _UNITS = {
     "time_s": "s", "row_time_s": "s", "x_px": "pix", "y_px": "pix", "dx_px": "pix", "dy_px": "pix", "range_km": "km",
-    "aspect_deg": "deg", "projected_area_m2": "m2", "temperature_k": "K",
+    "aspect_deg": "deg", "projected_area_m2": "m2", "temperature_k": "K", "neighbour_px": "pix", "x_sigma_px": "pix",
+    "y_sigma_px": "pix", **STATE_UNITS,
 }  # fmt: skip
 
 
@@ -182,6 +195,23 @@ def _earth_behind(frames: ImageAxes, seen: HostColumns) -> npt.NDArray[np.bool_]
         clearance_m = earth_clearance_m(position_m[view], far_m, frames.scenario.tracks.pole_icrs, beyond=True)
         behind[view, there[view]] = clearance_m < 0.0
     return behind
+
+
+def _sensor_states(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
+    """Return the states of sensors, each (frame, sensor)."""
+    axes = seen.views["axes"].reshape(len(frames.frames), len(frames.sensors), 3, 3)
+    kind, time_s = frames.instrument, frames.time_s
+    states = [sensor_states(kind, name, time_s, axes[:, i]) for i, name in enumerate(frames.sensors)]
+    return {f"sensor_{name}": np.stack([state[:, i] for state in states], 1) for i, name in enumerate(STATE_NAMES)}
+
+
+def _target_states(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
+    """Return the states of targets when their light left, each (view, target)."""
+    observed = seen.observations
+    range_m = np.where((observed["flags"] & int(ABSENT)) == 0, observed["range_m"], np.nan)
+    time_s = np.repeat(frames.time_s, len(frames.sensors))[:, None] + np.zeros(range_m.shape)
+    states = target_states(frames.scenario, time_s if seen.row_time_s is None else time_s + seen.row_time_s, range_m)
+    return {f"target_{name}": states[..., i] for i, name in enumerate(STATE_NAMES)}
 
 
 def sunlit_fraction(scene: DeviceBodies, sunlit: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

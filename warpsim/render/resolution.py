@@ -1,0 +1,120 @@
+"""How well targets can be told apart and measured in images: neighbours, clumps, blended light, Cramer-Rao bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+from warpsim_kernels.records import BEHIND
+from warpsim_kernels.resolution import PixelNoise, TargetImages, find_clumps_kernel
+from warpsim_kernels.streaks import Paths
+
+from warpsim.detector.detectors import ElectronDetector
+from warpsim.detector.levels import ElectronLevels
+from warpsim.launches import Launch, to_numpy
+from warpsim.optics.enclosed import box_half_width_px
+from warpsim.optics.psf_bank import paths_struct
+from warpsim.render.batch import HostColumns
+from warpsim.render.device_scene import DeviceScene
+from warpsim.render.device_upload import table_accuracy
+from warpsim.scene.instrument import Instrument
+
+BOX_FRACTION = 0.84
+"""Part of a point's light that its box holds, pixels included; of an Airy pattern about that within the first dark
+ring."""
+
+
+def blur_half_px(instrument: Instrument, band: str) -> tuple[float, float]:
+    """Return half the box that holds BOX_FRACTION of a point's light in a band: along columns and rows [px]."""
+    aspect = instrument.sensor.camera.pixel_aspect
+    half_px = box_half_width_px(instrument.psf(band), BOX_FRACTION, aspect, table_accuracy(instrument))
+    return half_px, half_px / aspect
+
+
+def merge_px(instrument: Instrument, band: str) -> tuple[float, float]:
+    """Return the distance within which two targets merge: along columns and rows [px].
+
+    Half the box of a point's light, which for an Airy pattern is about Rayleigh's distance, and half a pixel: of
+    narrower images those of neighbouring pixels merge.
+    """
+    half_x_px, half_y_px = blur_half_px(instrument, band)
+    return half_x_px + 0.5, half_y_px + 0.5
+
+
+def resolution_columns(scene: DeviceScene, bands: Sequence[str], seen: HostColumns) -> dict[str, npt.NDArray[Any]]:
+    """Return how well targets can be told apart and measured, by column of truth.
+
+    Args:
+        scene: What was rendered.
+        bands: Names of the bands.
+        seen: Its columns.
+
+    Returns:
+        neighbour_px, clump_id, resolvable, blend_fraction, x_sigma_px, y_sigma_px and irradiance_sigma_w_cm2, each
+        (view, band, target); NaN, -1 and false without light.
+    """
+    instrument, device, shape = scene.instrument, scene.device, seen.irradiance_w_cm2.shape
+    behind = (seen.observations["flags"] & int(BEHIND)) != 0
+    irradiance = np.where(behind[:, None], np.float32(0.0), seen.irradiance_w_cm2)
+    targets = _target_images(scene, seen, irradiance)
+    merging = wp.array([merge_px(instrument, band) for band in bands], dtype=wp.vec2d, device=device)
+    parent, n_member, clump = (wp.empty(shape, dtype=wp.int32, device=device) for _ in range(3))
+    nearest, own, others = (wp.full(shape, np.nan, dtype=wp.float64, device=device) for _ in range(3))
+    sigma = wp.full(shape, wp.vec3d(np.nan, np.nan, np.nan), dtype=wp.vec3d, device=device)
+    if parent.size:
+        Launch(find_clumps_kernel, shape[:2], [targets, merging], [parent, n_member, clump], device).run()
+        noise = _pixel_noise(instrument, bands, device)
+        outputs = [nearest, own, others, sigma]
+        scene.psf.measure_resolution(targets, scene.stamp_rule, merging, noise, outputs, scene.streaks.enabled)
+    near_px, own_w_cm2, others_w_cm2 = (to_numpy(array) for array in (nearest, own, others))
+    bound = to_numpy(sigma).reshape(*shape, 3)
+    whole = own_w_cm2 + others_w_cm2
+    return {
+        "neighbour_px": np.where(np.isinf(near_px), np.nan, near_px),
+        "clump_id": to_numpy(clump),
+        "resolvable": to_numpy(n_member) == 1,
+        "blend_fraction": np.divide(others_w_cm2, whole, out=np.zeros(shape) * whole, where=whole > 0.0),
+        "x_sigma_px": bound[..., 0],
+        "y_sigma_px": bound[..., 1],
+        "irradiance_sigma_w_cm2": bound[..., 2] * irradiance,
+    }
+
+
+def _target_images(scene: DeviceScene, seen: HostColumns, irradiance_w_cm2: npt.NDArray[np.float32]) -> Any:
+    """The kernels' TargetImages."""
+    device, here = scene.device, seen.columns.to(scene.device)
+    xy_px = np.ascontiguousarray(seen.observations["xy_px"])
+    order = np.argsort(xy_px[..., 0], axis=1, kind="stable").astype(np.int32)
+    targets: Any = TargetImages()
+    targets.xy_px = wp.array(xy_px, dtype=wp.vec2d, device=device)
+    targets.irradiance_w_cm2 = wp.array(irradiance_w_cm2, dtype=wp.float32, device=device)
+    targets.order = wp.array(order, dtype=wp.int32, device=device)
+    targets.rank = wp.array(np.argsort(order, axis=1).astype(np.int32), dtype=wp.int32, device=device)
+    if here.background_w_cm2 is not None:
+        targets.background_w_cm2 = here.background_w_cm2
+    targets.paths = paths_struct(here.offset_px, here.brightness, scene.n_target) if scene.streaks.enabled else Paths()
+    return targets
+
+
+def _pixel_noise(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> Any:
+    """The kernels' PixelNoise; rounding to counts included."""
+    variance, shot, sei = [], [], []
+    detector = instrument.sensor.detector
+    for band in bands:
+        levels, per_light, rounding = instrument.levels[band], 0.0, 0.0
+        if isinstance(levels, ElectronLevels) and isinstance(detector, ElectronDetector):
+            per_light = 1.0 / levels.e_per_w_cm2 if detector.shot_noise else 0.0
+        else:  # of electrons it is in the NEI
+            rounding = 1.0 / (12.0 * levels.counts_per_nei**2)
+        shot.append(per_light)
+        variance.append(levels.nei_w_cm2**2 * (1.0 + rounding))
+        sei.append(levels.sei_w_cm2)
+    noise: Any = PixelNoise()
+    noise.variance_w2_cm4, noise.shot_w_cm2, noise.sei_w_cm2 = (
+        wp.array(values, dtype=wp.float64, device=device) for values in (variance, shot, sei)
+    )
+    noise.n_row, noise.n_col = instrument.sensor.camera.n_row, instrument.sensor.camera.n_col
+    return noise
