@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import warpsim as ws
-from tests.tracking_tables import AXES, C_M_S, made_detections, with_states
+from tests.tracking_tables import AXES, C_M_S, made_detections
 
 pytest.importorskip("stonesoup")
 
@@ -29,7 +29,7 @@ def frames():
 
 @pytest.fixture(scope="module")
 def truth(frames):
-    return with_states(frames)
+    return frames.truth
 
 
 @pytest.fixture(scope="module")

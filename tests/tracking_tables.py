@@ -1,37 +1,10 @@
-"""Truth with states, and detections made of it: positions with noise, seen through `line_of_sight`."""
+"""Detections made of truth: positions with noise, seen through `line_of_sight`."""
 
 import numpy as np
 from astropy.table import Table
-from astropy.time import Time, TimeDelta
 
 C_M_S = 299792458.0
 AXES = ("x", "y", "z")
-
-
-def with_states(frames):
-    """The truth, with dates, and states of sensors and targets."""
-    truth, scenario = frames.truth.copy(), frames.scenario
-    if "target_x_m" in truth.colnames:
-        return truth
-    epoch = Time(frames.scene.epoch_utc, scale="utc")
-    times = (epoch.tai + TimeDelta(np.asarray(truth["time_s"]), format="sec")).utc
-    times.precision = 6
-    truth["date_obs"] = times.isot
-    emission_s = truth["time_s"] - 1e3 * truth["range_km"] / C_M_S
-
-    def states(names, time_s, h_s=0.05):
-        position = np.empty((len(truth), 3, 3))
-        for name in np.unique(names):
-            rows = np.flatnonzero(names == name)
-            for step, shift in enumerate((-h_s, 0.0, h_s)):
-                position[rows, step] = scenario.position_m(str(name), time_s[rows] + shift)
-        return position[:, 1], (position[:, 2] - position[:, 0]) / (2 * h_s)
-
-    for prefix, name, time_s in (("sensor", "sensor", truth["time_s"]), ("target", "target", emission_s)):
-        position, velocity = states(np.asarray(truth[name]), np.asarray(time_s))
-        for number, axis in enumerate(AXES):
-            truth[f"{prefix}_{axis}_m"], truth[f"{prefix}_v{axis}_m_s"] = position[:, number], velocity[:, number]
-    return truth
 
 
 def made_detections(frames, truth, sigma_px, rng):
@@ -49,7 +22,7 @@ def made_detections(frames, truth, sigma_px, rng):
             {name: row[name] for name in ("frame", "time_s", "date_obs", "sensor", "band", "target", "snr")}
             | {"x_px": xy[0], "y_px": xy[1], "x_sigma_px": sigma_px, "y_sigma_px": sigma_px}
             | {"ra_deg": ra[0], "dec_deg": dec[0], "ra_cosdec_sigma_deg": sigma[0], "dec_sigma_deg": sigma[1]}
-            | {"ra_dec_corr": covariance[0, 1] / sigma.prod()}
+            | {"ra_dec_corr": covariance[0, 1] / sigma.prod() if sigma_px else 0.0}
             | {f"sensor_{axis}_m": row[f"sensor_{axis}_m"] for axis in AXES}
         )
     return Table(rows=rows)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
-from warpsim.instant import utc_time, years_ahead
+from warpsim.instant import utc_dates
 from warpsim.measure.paths import POSITION, VELOCITY, truth_states
 from warpsim.measure.rows import check_stonesoup, column, dates, has_column, naive_utc, numbers
 from warpsim.render.frameset import FrameSet
@@ -136,15 +136,11 @@ def frames(
 
 def _rendered(source: FrameSet, sensor: str | None, bands: str | Sequence[str] | None) -> Callable[[], Images]:
     """Images of rendered frames."""
-    from astropy.time import TimeDelta
-
     if sensor is None and len(source.sensors) > 1:
         raise InputError(f"must be one of {', '.join(source.sensors)}", "sensor", sensor)
     view = source.sensors.index(chosen_names("sensor", sensor, source.sensors)[0])
     planes = [source.bands.index(band) for band in chosen_names("bands", bands, source.bands)]
-    with years_ahead():
-        times = (utc_time(source.scene.epoch_utc).tai + TimeDelta(source.time_s, format="sec")).utc
-        when = naive_utc(times.datetime64)
+    when = naive_utc(utc_dates(source.scene.epoch_utc, source.time_s).astype("datetime64[us]"))
 
     def images() -> Images:
         for number, time in enumerate(when):
