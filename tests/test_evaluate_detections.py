@@ -189,6 +189,7 @@ def test_parts_of_the_truth():
     assert list(classes["class"]) == ["ball", "cone"] and list(classes["recall"]) == [0.5, 0.0]
     assert "n_false" not in classes.colnames  # detections have no class
     assert list(score.by("band")["precision"]) == [0.5]
+    assert list(score.by("x_px", [0.0, 15.0, 40.0])["n_found"]) == [0, 1]  # any column of the truth
     assert "recall 0.333" in repr(score)
 
 

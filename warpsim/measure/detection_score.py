@@ -15,7 +15,7 @@ from warpsim.arguments import above_zero, plain_number
 from warpsim.errors import InputError
 from warpsim.measure.detection_matches import Flags, Matches, Outcome, find_matches
 from warpsim.measure.matching import F64
-from warpsim.measure.rows import column, has_column, numbers
+from warpsim.measure.rows import column, column_names, has_column, numbers
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -37,9 +37,9 @@ class DetectionScore:
     """The detections: frame, sensor, band, x_px, y_px, snr (where given), outcome ("target", "clump", "ignored" or
     "false"), truth_row (-1 for none) and distance_px."""
     truth: Table
-    """The truth: frame, sensor, band, target, class, snr, alone, outcome ("found", "merged", "missed" or "not
-    counted"), found_row (-1 for none), error_x_px and error_y_px (detection less truth) and chi_square, the mean
-    square of both over the errors that the detection states."""
+    """The truth as given, and alone (in its clump), outcome ("found", "merged", "missed" or "not counted"), found_row
+    (-1 for none), error_x_px and error_y_px (detection less truth) and chi_square, the mean square of both over the
+    errors that the detection states."""
     n_image: int
     """Images of the truth, those without targets or detections included."""
     radius_px: float
@@ -96,7 +96,7 @@ class DetectionScore:
         """Scores of parts of the truth.
 
         Args:
-            name: Column of `truth` to divide by: "class", "band", "sensor", "target", "frame", "snr", "alone".
+            name: Column of `truth` to divide by, as "class", "band", "sensor", "target", "snr" or "neighbour_px".
             edges: Bins of numbers, from each edge to below the next; a row for each value when left out.
 
         Returns:
@@ -229,8 +229,7 @@ def _truth_table(truth: Any, found: Any, xy_px: F64, matches: Matches, outcome: 
     """The truth, and what became of it."""
     from astropy.table import Table
 
-    names = ["frame", "sensor", "band", "target", "snr", *(["class"] if has_column(truth, "class") else [])]
-    table = Table({name: column(truth, name, "truth") for name in names})
+    table = Table({name: column(truth, name, "truth") for name in column_names(truth)})
     counts, is_found = matches.truth.counts, outcome.found >= 0
     table["alone"] = matches.truth.clump < 0
     kind = np.where(counts, "missed", "not counted")

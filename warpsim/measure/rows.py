@@ -34,12 +34,17 @@ def column(table: Any, name: str, where: str) -> npt.NDArray[Any]:
     return array.astype(str) if array.dtype.kind == "O" and isinstance(next(iter(array), ""), str) else array
 
 
-def has_column(table: Any, name: str) -> bool:
-    """Whether a table has a column."""
+def column_names(table: Any) -> list[str]:
+    """Names of the columns of a table."""
     names = getattr(table, "colnames", None)  # of astropy
     if names is None:
         names = getattr(getattr(table, "dtype", None), "names", None) or table
-    return name in names
+    return list(names)
+
+
+def has_column(table: Any, name: str) -> bool:
+    """Whether a table has a column."""
+    return name in column_names(table)
 
 
 def numbers(table: Any, names: Sequence[str], where: str) -> F64:
