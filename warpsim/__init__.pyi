@@ -3,9 +3,11 @@
 `warpsim/__init__.py` reads them here, in this order, and imports each on first use. Type checkers read them, too.
 """
 
+from warpsim import evaluate as evaluate
 from warpsim import labels as labels
 from warpsim import paper as paper
 from warpsim import plot as plot
+from warpsim import stonesoup as stonesoup
 from warpsim.version import __version__ as __version__
 
 # scene
