@@ -3,9 +3,11 @@
 `warpsim/__init__.py` reads them here, in this order, and imports each on first use. Type checkers read them, too.
 """
 
+from warpsim import evaluate as evaluate
 from warpsim import labels as labels
 from warpsim import paper as paper
 from warpsim import plot as plot
+from warpsim import stonesoup as stonesoup
 from warpsim.version import __version__ as __version__
 
 # scene
@@ -27,7 +29,10 @@ from warpsim.scene.scene_files import presets as presets
 from warpsim.render.renderer import Renderer as Renderer
 from warpsim.render.frameset import FrameSet as FrameSet
 from warpsim.render.line_of_sight import LineOfSight as LineOfSight
+from warpsim.render.stream import FrameStream as FrameStream
 from warpsim.render.stream import StreamStats as StreamStats
+from warpsim.serving.server import serve as serve
+from warpsim.serving.server import FrameServer as FrameServer
 from warpsim.render.light_curves import light_curves as light_curves
 from warpsim.render.light_curves import LightCurves as LightCurves
 from warpsim.render.deposit import deposit as deposit
@@ -129,6 +134,7 @@ from warpsim.exchange.tdm import write_tdm as write_tdm
 from warpsim.dataset.write_dataset import write_dataset as write_dataset
 from warpsim.dataset.recipe import Recipe as Recipe
 from warpsim.dataset.write_dataset import DatasetReport as DatasetReport
+from warpsim.dataset.rebuild import rebuild_sequence as rebuild_sequence
 
 # plot
 from warpsim.errors import InputError as InputError
