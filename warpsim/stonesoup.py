@@ -91,7 +91,7 @@ def detections(
 
 
 def ground_truth(truth: Any, at: Literal["frame", "emission"] = "frame") -> GroundTruthReader:
-    """Make a reader of ground truth: times, and sets of the `GroundTruthPath`s with a new state then.
+    """Make a reader of ground truth: times, and sets of each `GroundTruthPath` with a new state.
 
     Truth says where targets were when their light left. States at the time of the frame, when the light came in, are
     free fall onwards from there, micrometres off after milliseconds; they are what tracks of `detections` are compared
