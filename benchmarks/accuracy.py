@@ -97,6 +97,10 @@ LINES = {
         "Stray light of the Earth, heat",
         "Stray light of the Earth, visible",
     ),
+    "What can be measured": (
+        "Cramer-Rao bounds of position and light",
+        "Fits of noisy images over their bounds",
+    ),
     "Motion": (
         "Attitude after 1e6 s at 5 rev/s",
         "Body axis after 1e6 s at 5 rev/s, in the kernel",

@@ -17,6 +17,7 @@ import warpsim as ws
 from warpsim.cli import main
 from warpsim.dataset.layout import draw_sequence, split_of
 from warpsim.dataset.writers import _chunk_shape
+from warpsim.files import write_fits_table
 
 parquet = pytest.importorskip("pyarrow.parquet")
 Image = pytest.importorskip("PIL.Image")
@@ -29,7 +30,7 @@ SAMPLE = {
     "optics.aperture_m": {"uniform": [0.3, 0.5]},
 }
 PLANES = {"signal": True, "masks": True, "contributions": True, "stars": True}
-FORMATS = ("fits", "png", "tiff", "zarr", "webdataset")
+FORMATS = ("fits", "fits-frames", "png", "tiff", "zarr", "webdataset")
 
 
 def recipe(**changes):
@@ -82,6 +83,8 @@ def tables(folder, name):
 def read_counts(folder, row):
     """An image, read as its row of the table of images says, by programs that know nothing of warpsim."""
     file, item = row["file"], row["item"]
+    if file.endswith(".frames.fits"):
+        return fits.getdata(folder / file, json.loads(item)[0])
     if file.endswith(".fits"):
         return fits.getdata(folder / file)[json.loads(item)[0]]
     if file.endswith((".png", ".tif")):
@@ -162,6 +165,8 @@ def test_other_planes_are_the_same_in_all_formats(folders, rendered):
     with tarfile.open(folders / "webdataset" / "train" / "000000.tar") as tar:
         for name, plane in expected.items():
             assert np.array_equal(fits.getdata(folders / "fits" / f"{home}.{name}.fits")[2], plane)
+            extension = fits.getdata(folders / "fits-frames" / f"{home}.{name}.frames.fits", "FRAME000002")
+            assert np.array_equal(extension, plane)
             assert np.array_equal(store[name][1, 2, place, 0], plane)
             member = tar.extractfile(f"{number:06d}_000002_{sensor}.{name}.npy")
             assert np.array_equal(np.load(io.BytesIO(member.read()))[0], plane)
@@ -200,6 +205,48 @@ def test_coco_is_read_by_its_own_tools_and_boxes_hold_the_light(folders, rendere
             held.append(plane[inside].sum() / plane.sum())
     # A box holds 84 % of the light that pixels collect: not of each image, but of all places that a point may have.
     assert len(held) > 50 and np.mean(held) == pytest.approx(0.84, abs=0.05)
+
+
+@pytest.mark.parametrize("name", ["fits", "zarr"])
+@pytest.mark.ci
+def test_a_sequence_is_rebuilt_from_its_folder_and_rendered_to_the_same_counts(folders, name):
+    for split, rows in tables(folders / name, "images").items():
+        for number in {row["sequence"] for row in rows}:
+            sequence = ws.rebuild_sequence(folders / name, number)
+            assert sequence.values.keys() == SAMPLE.keys() and number in split_of(recipe())[split]
+            n_frame = sequence.scene.frames.count
+            frames = ws.Renderer(sequence.scene, "cpu").render(range(n_frame), sequence.sensors)
+            mine = [row for row in rows if row["sequence"] == number]
+            assert len(mine) == frames.counts[...].size / (48 * 64) == 3 * 2 * 2
+            for row in mine:
+                at = row["frame"], frames.sensors.index(row["sensor"]), frames.bands.index(row["band"])
+                assert np.array_equal(read_counts(folders / name, row), frames.counts[at])
+
+
+@pytest.mark.ci
+def test_sequences_of_changed_files_are_not_rebuilt(folders, tmp_path, monkeypatch):
+    catalog = tmp_path / "stars.fits"
+    write_fits_table(ws.StarCatalog.synthetic(500, seed=1).to_table(), catalog)
+    scene = ws.Scene.load("stss").replace(sky__catalog=str(catalog), **SCENE)
+    ws.write_dataset(ws.Recipe(scene, n_sequence=2, n_frame=1, bands="A"), tmp_path / "data", n_worker=1, device="cpu")
+    assert ws.rebuild_sequence(tmp_path / "data", 1).number == 1
+    for number, message in (
+        (2, "number: must be below 2, the sequences there are, got 2"),
+        (-1, "must be a whole num"),
+    ):
+        with pytest.raises(ws.InputError, match=message):
+            ws.rebuild_sequence(tmp_path / "data", number)
+    with pytest.raises(ws.InputError, match="holds no complete data set"):
+        ws.rebuild_sequence(tmp_path, 0)
+    monkeypatch.setattr("warpsim.dataset.rebuild.__version__", "99.0")
+    with pytest.warns(UserWarning, match=r"written by warpsim .*, this is 99\.0: counts may differ"):
+        ws.rebuild_sequence(tmp_path / "data", 0)
+    write_fits_table(ws.StarCatalog.synthetic(400, seed=2).to_table(), catalog)
+    with pytest.raises(ws.InputError, match=r"manifest\.json: star catalog was changed since the data set was written"):
+        ws.rebuild_sequence(tmp_path / "data", 0)
+    catalog.unlink()
+    with pytest.raises(ws.InputError, match=r"stars\.fits"):
+        ws.rebuild_sequence(tmp_path / "data", 0)
 
 
 def test_sequences_are_told_with_what_was_drawn(folders):
@@ -311,7 +358,10 @@ def test_the_command_makes_a_data_set_of_a_scene(tmp_path, capsys):
         (["nothing"], "nothing: must be a preset (stss"),
         (["stss", "--sequences", "many"], "--sequences: must be a whole number, got 'many'"),
         (["stss", "--sequences", "0"], "stss: n_sequence: must be >= 1, got 0"),
-        (["stss", "--format", "exr"], "format: must be 'fits', 'png', 'tiff', 'zarr' or 'webdataset', got 'exr'"),
+        (
+            ["stss", "--format", "exr"],
+            "format: must be 'fits', 'fits-frames', 'png', 'tiff', 'zarr' or 'webdataset', got 'e",
+        ),
         (["stss", "--workers", "0"], "n_worker: must be a whole number >= 1, got 0"),
         (["stss", "--device", "tpu"], "device: must be one of cpu"),
     ],

@@ -121,7 +121,7 @@ def test_a_file_that_is_neither_scene_nor_recipe_is_refused(tmp_path):
         ({"sensors": ["moon"]}, "sensors: must be among those of the scene, got 'moon'"),
         ({"bands": ["A", "A"]}, "bands: must name one or more, each once"),
         ({"bands": ["Z"]}, "bands: must be among those of the scene, got 'Z'"),
-        ({"format": "gif"}, "format: must be 'fits', 'png', 'tiff', 'zarr' or 'webdataset', got 'gif'"),
+        ({"format": "gif"}, "format: must be 'fits', 'fits-frames', 'png', 'tiff', 'zarr' or 'webdataset', got 'gif'"),
         ({"split": {"train": 0.0}}, "split: must name splits and their sizes, not all 0"),
         ({"split": {"annotations": 1.0}}, "split: must not be called annotations"),
         ({"split": {"a/b": 1.0}}, "must be letters, digits"),
@@ -147,19 +147,42 @@ def test_bad_recipes_are_told_in_one_line(changes, message):
     assert "\n" not in str(caught.value)
 
 
-def test_extremes_that_a_scene_refuses_are_found_before_the_work():
-    bad = recipe(sample={"camera.fov_deg": {"uniform": [0.5, 500.0]}})
-    with pytest.raises(
-        ws.InputError,
-        match=re.escape(
-            "sample.camera.fov_deg (drawn: camera.fov_deg = 500.0): Scene: camera.fov_deg: must be in (0, "
+@pytest.mark.parametrize(
+    ("sample", "message"),
+    [
+        (
+            {"camera.fov_deg": {"uniform": [0.5, 500.0]}},
+            "sample.camera.fov_deg (drawn: camera.fov_deg = 500.0): Scene: camera.fov_deg: must be in (0, ",
         ),
+        (
+            {"camera.fow_deg": {"uniform": [0.5, 0.6]}},
+            "camera.fow_deg = 0.5): Scene: camera.fow_deg: is not a known field (did you mean fov_deg?)",
+        ),
+        ({"optix.aperture_m": {"uniform": [0.5, 0.6]}}, "is not a field of a part (did you mean optics?)"),
+        ({"targets.99.count": {"integer": [1, 2]}}, "targets.99.count: must name an item by its number, 0 to 3"),
+        ({"targets.0.class": {"choice": ["ghost"]}}, "must be of the scene's own classes (center, cone, "),
+    ],
+)  # fmt: skip
+def test_fields_and_extremes_that_a_scene_refuses_are_found_when_a_recipe_is_made(sample, message):
+    with pytest.raises(ws.InputError, match=re.escape(message)) as caught:
+        recipe(sample=sample)
+    assert str(caught.value).startswith("Recipe: sample.") and "\n" not in str(caught.value)
+
+
+def test_fields_that_no_recipe_has_are_refused_however_it_is_made():
+    for make in (
+        lambda: ws.Recipe(scene="stss", n_sequnce=3),
+        lambda: ws.Recipe.load("stss", n_sequnce=3),
+        lambda: ws.Recipe.from_dict({"scene": "stss", "n_sequnce": 3}),
     ):
+        with pytest.raises(ws.InputError, match=r"n_sequnce: is not a known field \(did you mean n_sequence\?\)"):
+            make()
+
+
+def test_extremes_that_cannot_be_flown_are_found_before_the_work():
+    bad = recipe(sample={"trajectory.duration_s": {"uniform": [1614.0, 1e5]}})
+    with pytest.raises(ws.InputError, match=r"\(drawn: trajectory.duration_s = 100000.0\)"):
         check_extremes(bad)
-    with pytest.raises(ws.InputError, match=r"camera.fow_deg = 0.5\): Scene: camera.fow_deg: is not a known field"):
-        check_extremes(recipe(sample={"camera.fow_deg": {"uniform": [0.5, 0.6]}}))
-    with pytest.raises(ws.InputError, match=r"targets.99.count: must name an item by its number, 0 to 3, got 99"):
-        check_extremes(recipe(sample={"targets.99.count": {"integer": [1, 2]}}))
     check_extremes(recipe(sample=SAMPLE))
 
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import erfa
 import numpy as np
@@ -18,8 +19,9 @@ from astropy.wcs import WCS
 from scipy.spatial.transform import Rotation
 
 import warpsim as ws
+from warpsim.cli import main
 from warpsim.files import sha256_of, whole_file
-from warpsim.output import preview, zarr_array
+from warpsim.output import preview, wording, zarr_array
 from warpsim.output.fits_cube import read_cube
 from warpsim.output.growing import GrowingFiles
 from warpsim.output.image_files import read_image
@@ -27,7 +29,7 @@ from warpsim.output.image_files import read_image
 pytest.importorskip("zarr")
 
 PICKS = (range(60, 66), ["sat11", "sat47"], ["A", "E"])
-EVERY = ("fits", "png", "tiff", "exr", "zarr")
+EVERY = ("fits", "fits-frames", "png", "tiff", "exr", "zarr")
 SMALL_RUN = ([60], ["sat11"], ["A"])
 COMMAND = [sys.executable, "-m", "warpsim.cli", "render"]
 
@@ -65,7 +67,8 @@ def each_image(frames):
 def test_the_folder_holds_what_was_promised(folder):
     expected = {"contact_sheet.png", "manifest.json", "truth.fits"}
     for stem in ("sat11_A", "sat11_E", "sat47_A", "sat47_E"):
-        expected |= {f"{stem}.fits", f"{stem}.gif", f"{stem}.zarr/zarr.json", f"{stem}.zarr/c/0/0/0"}
+        expected |= {f"{stem}.fits", f"{stem}.frames.fits", f"{stem}.gif"}
+        expected |= {f"{stem}.zarr/zarr.json", f"{stem}.zarr/c/0/0/0"}
         expected |= {f"{stem}/{k:06d}.{suffix}" for k in range(60, 66) for suffix in ("png", "tif", "exr")}
     assert set(files_of(folder)) == expected
     manifest = json.loads((folder / "manifest.json").read_text())
@@ -89,6 +92,25 @@ def test_cubes_are_plain_fits_to_others(folder):
         assert file[0].data.dtype == np.uint16
         assert file[0].data.shape == (6, 128, 128)
         assert file["FRAMES"].columns.names[:3] == ["FRAME", "TIME_S", "DATE_OBS"]
+
+
+@pytest.mark.parametrize("distortion", [None, {"k1": -60.0, "p1": 0.01}])
+@pytest.mark.ci
+def test_extensions_of_frames_have_counts_and_wcs(scene, tmp_path, distortion):
+    """Astropy alone: each header leads to the sky of its frame, from corner to corner, also through a lens."""
+    scene = scene.replace(camera__distortion=distortion)
+    run(scene, tmp_path, range(60, 63), ["sat11"], ["A"], formats=["fits-frames"])
+    frames = ws.Renderer(scene, device="cpu").render(range(60, 63), ["sat11"], ["A"])
+    xy_px = np.array([[-0.5, -0.5], [127.5, 3.0], [63.5, 63.5], [10.0, 127.5]])
+    with fits.open(tmp_path / "sat11_A.frames.fits") as file:
+        file.verify("exception")
+        assert [hdu.name for hdu in file] == ["PRIMARY", "FRAME000060", "FRAME000061", "FRAME000062"]
+        for plane, (number, hdu) in enumerate(zip(frames.frames, file[1:], strict=True)):
+            assert (hdu.data.dtype, hdu.header["FRAME"], hdu.header["SENSOR"]) == (np.uint16, number, "sat11")
+            np.testing.assert_array_equal(hdu.data, frames.counts.numpy()[plane, 0, 0])
+            sky = WCS(hdu.header).all_pix2world(xy_px, 0)
+            back = frames.wcs(number, "sat11").all_world2pix(sky, 0, tolerance=1e-12)
+            np.testing.assert_allclose(back, xy_px, rtol=0, atol=1e-9)
 
 
 def test_wcs_of_each_plane_leads_from_sky_to_truth(scene, folder):
@@ -141,7 +163,7 @@ def test_truth_table(folder):
 def test_manifest(scene, folder):
     manifest = json.loads((folder / "manifest.json").read_text())
     assert ws.Scene.from_dict(manifest["scene"]) == scene
-    assert manifest["seed"] == scene.seed
+    assert manifest["provenance"]["SEED"] == scene.seed
     assert manifest["device"]["alias"] == "cpu"
     assert manifest["warpsim"] == ws.__version__
     assert set(manifest["files"]) == set(files_of(folder)) - {"manifest.json"}
@@ -351,14 +373,14 @@ def test_arrays_of_several_shards(scene, frames, tmp_path, monkeypatch, n_frame)
     assert {name: content for name, content in files_of(tmp_path).items() if "again" not in name} == files_of(again)
 
 
-@pytest.mark.parametrize("kinds", [["png"], ["zarr"], ["exr"]])
+@pytest.mark.parametrize("kinds", [["fits-frames"], ["png"], ["zarr"], ["exr"]])
 @pytest.mark.ci
 def test_one_format_alone_has_a_contact_sheet(scene, folder, tmp_path, kinds):
     """That of the noiseless images has no noise between the targets."""
     import OpenImageIO as oiio
 
     run(scene, tmp_path, formats=kinds)
-    assert [path.name for path in tmp_path.glob("*.fits")] == ["truth.fits"]
+    assert [path.name for path in tmp_path.glob("*.fits") if ".frames." not in path.name] == ["truth.fits"]
     same = (tmp_path / "contact_sheet.png").read_bytes() == (folder / "contact_sheet.png").read_bytes()
     assert same == (kinds != ["exr"])
     pixels = oiio.ImageBuf(str(tmp_path / "contact_sheet.png")).get_pixels(oiio.UINT8)
@@ -408,6 +430,41 @@ NAMES_OF_ONE_SENSOR = (
     *("sat11_A.fits", "sat11_A/000060.png", "sat11_A", "sat11_A.gif"),
     *("sat11_A.zarr/c/0/0/0", "sat11_A.zarr/notes.txt", "sat11_A.zarr"),
 )
+
+
+def test_progress_on_a_log_is_a_line_now_and_then(monkeypatch, capsys):
+    now_s = [0.0]
+    monkeypatch.setattr(wording, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    with wording.progress_bar(1200, True, "sequences") as advance:
+        for _ in range(100):  # 12 in 7 s each: the lines come with the fifth, tenth, ... step
+            now_s[0] += 7.0
+            advance(12)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 20
+    assert lines[:2] == ["60 of 1,200 sequences (5 %) after 35 s", "120 of 1,200 sequences (10 %) after 70 s"]
+    assert lines[-1] == "1,200 of 1,200 sequences (100 %) after 700 s"
+    with wording.progress_bar(1200, False, "sequences") as advance:
+        now_s[0] += 100.0
+        advance(1200)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("command", ["render", "dataset"])
+def test_files_are_not_scattered_among_those_of_others(tmp_path, monkeypatch, capsys, command):
+    (tmp_path / "notes.txt").write_text("mine")
+    monkeypatch.chdir(tmp_path)
+    for more in ([], ["--overwrite"]):
+        assert main([command, "stss", "-o", ".", "--device", "cpu", *more]) == 2
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1 and "is not empty (it holds notes.txt), and warpsim did not write it" in told
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["notes.txt"]
+
+
+@pytest.mark.ci
+def test_hidden_files_do_not_fill_a_folder(scene, tmp_path):
+    (tmp_path / ".gitignore").write_text("*")
+    run(scene, tmp_path, *SMALL_RUN)
+    assert (tmp_path / "manifest.json").exists() and (tmp_path / ".gitignore").read_text() == "*"
 
 
 @pytest.mark.parametrize(
@@ -482,7 +539,7 @@ def test_a_run_goes_on_in_the_middle_of_a_sensor(scene, folder, tmp_path, monkey
     """Of 2 sensors and 6 frames each, one a call: those that are complete are not rendered again."""
     monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)
     monkeypatch.setattr(zarr_array, "SHARD_BYTES", 1)
-    options = {"formats": ("fits", "png", "exr", "zarr"), "preview": "gif", "stars": True}
+    options = {"formats": ("fits", "fits-frames", "png", "exr", "zarr"), "preview": "gif", "stars": True}
     with monkeypatch.context() as patch:
         broken_off_after(n_step, patch)
         with pytest.raises(KeyboardInterrupt):

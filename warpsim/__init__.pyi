@@ -29,11 +29,16 @@ from warpsim.scene.scene_files import presets as presets
 from warpsim.render.renderer import Renderer as Renderer
 from warpsim.render.frameset import FrameSet as FrameSet
 from warpsim.render.line_of_sight import LineOfSight as LineOfSight
+from warpsim.render.stream import FrameStream as FrameStream
 from warpsim.render.stream import StreamStats as StreamStats
+from warpsim.serving.server import serve as serve
+from warpsim.serving.server import FrameServer as FrameServer
 from warpsim.render.light_curves import light_curves as light_curves
 from warpsim.render.light_curves import LightCurves as LightCurves
 from warpsim.render.deposit import deposit as deposit
 from warpsim.speed.work import measure_fps as measure_fps
+from warpsim.measure.detections import detections as detections
+from warpsim.measure.photometry import photometry as photometry
 from warpsim.measure.triangulation import triangulate as triangulate
 from warpsim.measure.earth_fixed import earth_fixed as earth_fixed
 from warpsim.measure.triangulation import Triangulation as Triangulation
@@ -123,11 +128,13 @@ from warpsim.exchange.write import write_oem as write_oem
 from warpsim.exchange.write import write_stk_ephemeris as write_stk_ephemeris
 from warpsim.exchange.write import write_aem as write_aem
 from warpsim.exchange.write import write_stk_attitude as write_stk_attitude
+from warpsim.exchange.tdm import write_tdm as write_tdm
 
 # datasets
 from warpsim.dataset.write_dataset import write_dataset as write_dataset
 from warpsim.dataset.recipe import Recipe as Recipe
 from warpsim.dataset.write_dataset import DatasetReport as DatasetReport
+from warpsim.dataset.rebuild import rebuild_sequence as rebuild_sequence
 
 # plot
 from warpsim.errors import InputError as InputError

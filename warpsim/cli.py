@@ -1,4 +1,4 @@
-"""Command line: warpsim render | access | check | plot | czml | catalog | dataset | bench."""
+"""Command line: warpsim render | access | check | plot | czml | detect | serve | catalog | dataset | bench."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from warpsim.commands import catalogs, scenes, speed
+from warpsim.commands import catalogs, detect, scenes, serving, speed
 from warpsim.errors import InputError
 from warpsim.version import __version__
 
@@ -47,7 +47,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="warpsim", description="Render what space-based infrared sensors see.")
     parser.add_argument("--version", action="version", version=f"warpsim {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for module in (scenes, catalogs, speed):
+    for module in (scenes, detect, serving, catalogs, speed):
         module.add_commands(commands)
     return parser
 

@@ -128,9 +128,8 @@ def _add_dataset(commands: Any) -> None:
     dataset.add_argument("--sequences", metavar="N", help="number of sequences, instead of the recipe's")
     dataset.add_argument("--frames", metavar="N", help="frames of each sequence, instead of the recipe's")
     dataset.add_argument("--bands", metavar="NAMES", help="comma-separated bands, instead of the recipe's")
-    dataset.add_argument(
-        "--format", metavar="NAME", help="instead of the recipe's: fits, png, tiff, zarr or webdataset"
-    )
+    formats = "instead of the recipe's: fits, fits-frames, png, tiff, zarr or webdataset"
+    dataset.add_argument("--format", metavar="NAME", help=formats)
     dataset.add_argument("--seed", metavar="N", help="seed of what is drawn, instead of the recipe's")
     dataset.add_argument("--workers", metavar="N", help="processes; as many as cores if left out")
     dataset.add_argument(

@@ -32,7 +32,7 @@ def add_commands(commands: Any) -> None:
     render.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
     render.add_argument("--every-frame", action="store_true", help="also frames without access to a target")
     render.add_argument("--stars", action="store_true", help="also list the stars in every image, in stars.fits")
-    formats = "comma-separated: fits (the default), tiff, png, exr (noiseless), zarr"
+    formats = "comma-separated: fits (the default), fits-frames, tiff, png, exr (noiseless), zarr"
     render.add_argument("--format", default="fits", metavar="NAMES", help=formats)
     render.add_argument("--preview", metavar="NAME", help="also an animation of each sensor and band: gif or mp4")
     render.add_argument("--overwrite", action="store_true", help="replace a different run in the folder")

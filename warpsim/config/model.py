@@ -136,9 +136,14 @@ def _unknown_field(name: str) -> str:
     """The rule for a field that a config model does not have."""
     if name in _FIELD_NAMES:
         return "is not a known field here (other parts have it)"
+    return f"is not a known field{nearest_field(name)}"
+
+
+def nearest_field(name: str) -> str:
+    """Return " (did you mean NAME?)" of a misspelt field; empty for a known one, and where none is near."""
     whole = sorted(field for field in _FIELD_NAMES if field.startswith(f"{name}_"))
     close = whole if len(whole) == 1 else [] if whole else difflib.get_close_matches(name, _FIELD_NAMES, n=1)
-    return "is not a known field" + (f" (did you mean {close[0]}?)" if close else "")
+    return f" (did you mean {close[0]}?)" if close and name not in _FIELD_NAMES else ""
 
 
 def _raise_input_errors(decorated: Any, names: list[str]) -> None:

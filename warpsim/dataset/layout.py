@@ -19,14 +19,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from warpsim.dataset.recipe import SHARDED, Recipe, choices_with_files
-from warpsim.errors import InputError
+from warpsim.dataset.crossings import crossing_changes
+from warpsim.dataset.recipe import SHARDED, Recipe, choices_with_files, drawn_words
+from warpsim.errors import InputError, errors_at
 from warpsim.output.manifest import package_versions
 from warpsim.output.output_folder import MANIFEST
 from warpsim.render.frameset import FrameSet
 from warpsim.render.stars import catalog_checksums
 from warpsim.scene.environment import BUILT_IN_CATALOGS
 from warpsim.scene.inputs import input_checksums
+from warpsim.scene.provenance import provenance
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.scene.scene_files import named_files
@@ -78,7 +80,10 @@ def draw_sequence(recipe: Recipe, number: int) -> Sequence:
         if clips:
             start_s, sensors = _chosen_clip(recipe, clips, number, attempt)
             frames = {"count": recipe.n_frame, "interval_s": recipe.step_s, "start_s": start_s}
-            return Sequence(number, scene.replace(frames=frames), sensors, values, attempt)
+            time_s = np.minimum(start_s + np.linspace(0.0, recipe.clip_s, recipe.n_frame), scene.duration_s)
+            with errors_at("", f"sequence {number}"):
+                changes = crossing_changes(scene, recipe.crossings or {}, sensors, time_s, recipe.seed, number)
+                return Sequence(number, scene.replace(frames=frames, **changes), sensors, values, attempt)
         if not recipe.distributions:  # all draws are alike
             break
     raise InputError(
@@ -107,23 +112,17 @@ def drawn_values(recipe: Recipe, number: int, attempt: int = 0) -> dict[str, Any
 
 
 def varied(recipe: Recipe, values: dict[str, Any], where: str, **others: Any) -> Scene:
-    """Return the recipe's scene with drawn values, and others; InputError that begins with `where` for bad ones."""
+    """Return the recipe's scene with drawn values, and others, which follows from its files and flights.
+
+    Raises:
+        InputError: It begins with `where`: a value is not valid, a file cannot be read, a flight cannot be flown.
+    """
+    scene = recipe.described(values, where, **others)
     try:
-        scene = recipe.scene.replace(**{name.replace(".", "__"): value for name, value in values.items()}, **others)
         scene.scenario  # noqa: B018  # reads files, flies flights
     except InputError as error:
-        shown = ", ".join(f"{name} = {value!r}" for name, value in values.items())
-        raise error.of(f"{where} (drawn: {shown})"[:400]) from None
-    known = _classes(recipe.scene)
-    if new := _classes(scene) - known:  # the categories of all annotations are the same
-        raise InputError(
-            f"targets must be of the scene's own classes ({', '.join(sorted(known))})", value=new.pop()
-        ).of(where)
+        raise error.of(drawn_words(values, where)) from None
     return scene
-
-
-def _classes(scene: Scene) -> set[str]:
-    return {spec.class_name for group in scene.groups for spec in group.targets}
 
 
 def check_extremes(recipe: Recipe) -> None:
@@ -242,7 +241,7 @@ def folder_of(shard: Shard, sequence: int) -> str:
 
 
 def table_path(recipe: Recipe, shard: Shard, sequence: int, table: str) -> str:
-    """Path of a table: "images", "truth" or "stars"."""
+    """Path of a table: "images", "truth", "stars" or "artifacts"."""
     if recipe.format in SHARDED:
         return f"{shard.stem}.{table}.parquet"
     return f"{folder_of(shard, sequence)}/{table}.parquet"
@@ -266,6 +265,21 @@ def image_id(recipe: Recipe, key: ImageKey) -> int:
     return view * len(recipe.band_names) + key.band_number + 1
 
 
+RECIPE_SEED = "RECSEED"
+"""Word of provenance that all files of a data set have: the recipe's seed."""
+
+
+def dataset_provenance(recipe: Recipe) -> dict[str, Any]:
+    """Return the words of provenance that all sequences share: no seeds, and no epoch or name that is drawn.
+
+    The recipe's seed, from which all seeds follow, is RECSEED.
+    """
+    fields = {"SEED": "seed", "NOISSEED": "noise_seed", "DATEREF": "epoch_utc", "SCENE": "name"}
+    drawn = {"seed", "noise_seed", *recipe.distributions}
+    words = {name: value for name, value in provenance(recipe.scene).items() if fields.get(name) not in drawn}
+    return words | {RECIPE_SEED: recipe.seed}
+
+
 def top_names(recipe: Recipe) -> list[str]:
     """Names of the top-level entries of a data set."""
     return [*recipe.ratios, ANNOTATIONS, SEQUENCES, MANIFEST]
@@ -283,7 +297,7 @@ def identity_of(recipe: Recipe, device: str) -> Identity:
     """Return all inputs that the bytes of a data set depend on, as plain values for its manifest; any GPU is "cuda"."""
     return {
         "recipe": recipe.to_dict(),
-        "inputs": _inputs(recipe),
+        "inputs": input_checksums_of(recipe),
         "device": "cuda" if device.startswith("cuda") else "cpu",
         "warpsim": __version__,
         "packages": package_versions(*writers_of(recipe)),
@@ -317,8 +331,8 @@ def stamp_of(path: str) -> Stamp:
     return stat.st_mtime_ns, stat.st_size
 
 
-def _inputs(recipe: Recipe) -> dict[str, str]:
-    """Checksums of all files that sequences may be made from, by path, and of star catalogs."""
+def input_checksums_of(recipe: Recipe) -> dict[str, str]:
+    """Return checksums of all files that sequences may be made from, by path, and of star catalogs."""
     found = _inputs_of(recipe.scene)
     for name, number, value, _ in choices_with_files(recipe.distributions):
         for path, checksum in _inputs_of(varied(recipe, {name: value}, f"sample.{name}")).items():
@@ -350,6 +364,7 @@ def recipe_report(recipe: Recipe) -> str:
         f"sequences: {splits}",
         f"{recipe.format}, {len(shards_of(recipe)):,} shards; {size / 1e6:,.1f} MB before compression, and tables",
         *(f"drawn: {name} = {json.dumps(how)[:80]}" for name, how in recipe.to_dict().get("sample", {}).items()),
+        *(f"crossing: {name}, {json.dumps(how)}" for name, how in recipe.to_dict().get("crossings", {}).items()),
         f"sequence 0: from {first.scene.frames.start_s:.3f} s on, {', '.join(first.sensors)}{drawn}",
     ]
     return "\n".join(lines)

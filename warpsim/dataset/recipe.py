@@ -23,6 +23,8 @@ from warpsim.config.fields import (
     rule_error,
 )
 from warpsim.config.model import adapter, config_model, input_error
+from warpsim.dataset.crossings import Crossing, check_crossings
+from warpsim.detector.artifacts import has_artifacts
 from warpsim.errors import InputError
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
@@ -32,8 +34,8 @@ from warpsim.scene.scene_files import named_files, presets, read_scene_data, wit
 if TYPE_CHECKING:
     from typing import Self
 
-FORMATS = ("fits", "png", "tiff", "zarr", "webdataset")
-"""How counts are written: FITS cubes, an image file each, one Zarr array per split, tar archives."""
+FORMATS = ("fits", "fits-frames", "png", "tiff", "zarr", "webdataset")
+"""How counts are written: FITS cubes, an extension or an image file each, one Zarr array per split, tar archives."""
 
 SHARDED = ("zarr", "webdataset")
 """Formats that put several sequences into one file."""
@@ -125,6 +127,16 @@ def _samples(value: Any, info: ValidationInfo) -> dict[str, Any]:
     return with_absolute_choices(flat_names(value), Path.cwd() / _folder(info))
 
 
+def drawn_words(values: dict[str, Any], where: str) -> str:
+    """Return the place of an error in a scene with drawn values."""
+    shown = ", ".join(f"{name} = {value!r}" for name, value in values.items())
+    return f"{where} (drawn: {shown})"[:400]
+
+
+def _classes(scene: Scene) -> set[str]:
+    return {spec.class_name for group in scene.groups for spec in group.targets}
+
+
 def _folder(info: ValidationInfo) -> Path:
     """Return the base of relative paths: the recipe's folder, if it came from a file."""
     return Path((info.context or {}).get("folder", ""))
@@ -155,6 +167,8 @@ class Recipe:
         seed: Seed of everything that is drawn.
         split: Splits, and how large each is relative to the others.
         sample: What is drawn for each sequence: distributions by field of the scene.
+        crossings: Groups of the scene that cross the field of a sensor of each sequence, on paths that are drawn: by
+            name, how far away, and how fast.
         format: How images are written, one of FORMATS.
         sequences_per_shard: Sequences that are written as one; when left out 1, and 8 in sharded formats, or as many as
             128 MiB of a Zarr shard hold.
@@ -164,6 +178,7 @@ class Recipe:
         contributions: Write the light of each target apart [W/cm2].
         signal: Write noiseless images [W/cm2].
         stars: Write the stars of each image.
+        artifacts: Write the pixels that radiation hits and flickering pixels change in each image.
         preview: Draw a small animation of each sequence: "gif" or "mp4".
         least_nei: Light in a pixel, over the NEI, from which on a mask says that a target is there.
 
@@ -182,7 +197,8 @@ class Recipe:
     seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
     split: Annotated[dict[Name, NonNegative], AfterValidator(_ratios)] | None = None
     sample: Annotated[dict[str, Distribution], BeforeValidator(_samples)] | None = None
-    format: Literal["fits", "png", "tiff", "zarr", "webdataset"] = "fits"
+    crossings: dict[str, Crossing] | None = None
+    format: Literal["fits", "fits-frames", "png", "tiff", "zarr", "webdataset"] = "fits"
     sequences_per_shard: Annotated[Count, closed_interval(1, 100_000)] | None = None
     coco: Switch = True
     satnet: Switch = False
@@ -190,6 +206,7 @@ class Recipe:
     contributions: Switch = False
     signal: Switch = False
     stars: Switch = False
+    artifacts: Switch = False
     preview: Literal["gif", "mp4"] | None = None
     least_nei: Positive = 1.0
 
@@ -217,6 +234,10 @@ class Recipe:
         if self.format == "zarr" and len(self.instruments) > 1:
             rule = f"images of one Zarr array must be of one kind of sensor ({', '.join(self.instruments)})"
             raise InputError(f"{rule}; name one, or choose another format", "sensors")
+        drawn = any(re.search(r"\bdetector\b|\bsensors$", name) for name in self.distributions)
+        if self.artifacts and not drawn and not any(has_artifacts(kind.sensor.detector) for kind in self._kinds):
+            raise InputError("needs a detector with hits or flicker", "artifacts", self.artifacts)
+        check_crossings(self.scene, self.crossings or {})
         self._check_sampled()
         return self
 
@@ -230,6 +251,24 @@ class Recipe:
                 raise InputError(
                     "images of one Zarr array must be of one size; choose another format", f"sample.{name}"
                 )
+            for value in self.distributions[name].extremes:
+                self.described({name: value}, f"sample.{name}")
+
+    def described(self, values: dict[str, Any], where: str, **others: Any) -> Scene:
+        """Return the scene with drawn values, and other changes; InputError that begins with `where` for bad ones.
+
+        It only describes: no file is read, no orbit solved.
+        """
+        try:
+            scene = self.scene.replace(**{name.replace(".", "__"): value for name, value in values.items()}, **others)
+        except InputError as error:
+            raise error.of(drawn_words(values, where)) from None
+        known = _classes(self.scene)
+        if new := _classes(scene) - known:  # the categories of all annotations are the same
+            raise InputError(
+                f"targets must be of the scene's own classes ({', '.join(sorted(known))})", value=new.pop()
+            ).of(where)
+        return scene
 
     @classmethod
     def load(cls, source: str | os.PathLike[str], **changes: Any) -> Recipe:

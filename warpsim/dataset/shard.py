@@ -18,6 +18,7 @@ from warpsim.dataset.layout import (
     Sequence,
     Shard,
     Stamp,
+    dataset_provenance,
     draw_sequence,
     folder_of,
     identity_of,
@@ -39,6 +40,8 @@ from warpsim.output.joined_tables import joined_tables
 from warpsim.output.output_folder import PARTS, RUN, CheckpointRecord, OutputFolder, difference
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
+from warpsim.render.states import STATE_NAMES, STATE_UNITS, sensor_states
+from warpsim.scene.provenance import provenance
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -46,7 +49,12 @@ if TYPE_CHECKING:
 BYTES_PER_CALL = 64 * 2**20
 """Size of images held in memory at a time, with all requested planes."""
 
-IMAGE_UNITS = {"time_s": "s", "nei_w_cm2": "W / cm2", "sei_w_cm2": "W / cm2"}
+IMAGE_UNITS = {
+    "time_s": "s",
+    "nei_w_cm2": "W / cm2",
+    "sei_w_cm2": "W / cm2",
+    **{name: unit for name, unit in STATE_UNITS.items() if name.startswith("sensor_")},
+}
 
 
 class _ShardTables:
@@ -72,6 +80,11 @@ class _ShardTables:
         if self._recipe.stars:
             rows["stars"] = frames.stars
             rows["stars"].add_column(np.full(len(frames.stars), sequence.number), index=0, name="sequence")
+        if self._recipe.artifacts:
+            rows["artifacts"] = frames.artifacts
+            id_of = {(key.frame, key.sensor, key.band): number for key, number in zip(keys, ids.tolist(), strict=True)}
+            found = zip(*(rows["artifacts"][name].tolist() for name in ("frame", "sensor", "band")), strict=True)
+            _put_keys_first(rows["artifacts"], np.array([id_of[key] for key in found], dtype=np.int64), sequence.number)
         for name, table in rows.items():
             self._parts.setdefault(name, []).append(table)
         return rows
@@ -108,8 +121,12 @@ class _ShardTables:
                 "wcs": np.repeat(np.array(wcs, dtype=object), n_band) if n_view else [],
             }
         )
+        states = [sensor_states(instrument, name, frames.time_s, axes[:, s]) for s, name in enumerate(frames.sensors)]
+        for number, name in enumerate(STATE_NAMES):
+            table[f"sensor_{name}"] = np.repeat(np.stack([state[:, number] for state in states], axis=1), n_band)
         for name, unit in IMAGE_UNITS.items():
             table[name].unit = unit
+        table.meta |= provenance(sequence.scene)
         _put_keys_first(table, ids, sequence.number)
         return table
 
@@ -127,8 +144,7 @@ class _ShardTables:
         for name, parts in self._parts.items():
             path = self._folder / table_path(self._recipe, self._shard, sequence, name)
             path.parent.mkdir(parents=True, exist_ok=True)
-            table = joined_tables(parts)
-            write_parquet(table, path, {"table": name})
+            write_parquet(joined_tables(parts), path, {"table": name, **dataset_provenance(self._recipe)})
         self._parts = {}
 
 
@@ -202,7 +218,9 @@ def write_satnet(frames: FrameSet, rows: dict[str, Table], folder: Path) -> None
     for image in rows["images"]:
         frame, sensor, band = int(image["frame"]), str(image["sensor"]), str(image["band"])
         labels = rows["truth"][ids == image["image_id"]]
-        record = satnet_record(frames, frame, sensor, band, labels, str(image["file"]))
+        dirname, _, filename = str(image["file"]).rpartition("/")
+        file = {"dirname": dirname, "filename": filename, "date_obs": str(image["date_obs"]), **rows["images"].meta}
+        record = satnet_record(frames, frame, sensor, band, labels, file)
         write_json(record, home / f"{sensor}_{band}.{frame:06d}.json")
 
 
@@ -313,6 +331,7 @@ def _sequence_record(sequence: Sequence, shard: Shard) -> dict[str, Any]:
         "split": shard.split,
         "shard": shard.name,
         "sensors": sequence.sensors,
+        "epoch_utc": sequence.scene.epoch_utc,
         "start_s": sequence.scene.frames.start_s,
         "seed": sequence.scene.seed,
         "attempt": sequence.attempt,

@@ -18,6 +18,7 @@ from warpsim.dataset.layout import (
     COCO,
     SEQUENCES,
     check_extremes,
+    dataset_provenance,
     identity_of,
     shards_of,
     split_of,
@@ -89,7 +90,7 @@ def write_dataset(
             `if __name__ == "__main__":`, as always with `multiprocessing`.
         device: Warp device of each worker.
         overwrite: Replace a different data set that the folder holds.
-        progress: Draw a progress bar on standard error.
+        progress: Draw a progress bar on standard error; where that is no terminal, print a line each 30 s.
 
     Returns:
         Report of the run.
@@ -154,7 +155,7 @@ class _Dataset:
         n_sequence = {shard.name: len(shard.sequences) for shard in missing}
         for name in (CHECKPOINTS, PLANNED, COCO):
             (folder.parts / name).mkdir(exist_ok=True)
-        with progress_bar(self.recipe.n_sequence, self.progress) as advance:
+        with progress_bar(self.recipe.n_sequence, self.progress, "sequences") as advance:
             advance(self.recipe.n_sequence - sum(n_sequence.values()))
 
             def done(record: CheckpointRecord) -> None:
@@ -187,6 +188,7 @@ def finish(recipe: Recipe, output: OutputFolder, records: dict[str, CheckpointRe
     files.append(_write_sequences(recipe, folder, records))
     return {
         "key": output.key,
+        "provenance": dataset_provenance(recipe),
         **output.identity,
         "python": python_version(),
         "splits": split_of(recipe),
@@ -232,6 +234,7 @@ def _write_annotations(recipe: Recipe, folder: Path, records: dict[str, Checkpoi
         path = folder / ANNOTATIONS / f"{split}.json"
         path.parent.mkdir(exist_ok=True)
         info = {"description": recipe.scene.description or recipe.scene.name, "split": split}
+        info |= dataset_provenance(recipe)
         texts = (
             shard_texts(recipe, folder, shard, records[shard.name].get("texts"))
             for shard in shards_of(recipe)
@@ -247,11 +250,10 @@ def _write_sequences(recipe: Recipe, folder: Path, records: dict[str, Checkpoint
     from astropy.table import Table
 
     rows = sorted((row for record in records.values() for row in record["sequences"]), key=lambda row: row["sequence"])
-    columns: dict[str, Any] = {
-        name: [row[name] for row in rows] for name in ("sequence", "split", "shard", "start_s", "seed", "attempt")
-    }
+    own = ("sequence", "split", "shard", "epoch_utc", "start_s", "seed", "attempt")
+    columns: dict[str, Any] = {name: [row[name] for row in rows] for name in own}
     columns["sensors"] = [",".join(row["sensors"]) for row in rows]
-    for name in recipe.distributions:
+    for name in (field for field in recipe.distributions if field not in columns):
         values = [row["values"][name] for row in rows]
         plain = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
         columns[name] = (
@@ -260,5 +262,5 @@ def _write_sequences(recipe: Recipe, folder: Path, records: dict[str, Checkpoint
     table = Table(columns)
     table["start_s"].unit = "s"
     path = folder / SEQUENCES
-    write_parquet(table, path, {"table": "sequences"})
+    write_parquet(table, path, {"table": "sequences", **dataset_provenance(recipe)})
     return path

@@ -23,14 +23,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.dataset.layout import ImageKey, Sequence, Shard, folder_of, image_id, image_keys, split_of
+from warpsim.dataset.layout import (
+    RECIPE_SEED,
+    ImageKey,
+    Sequence,
+    Shard,
+    dataset_provenance,
+    folder_of,
+    image_id,
+    image_keys,
+    split_of,
+)
 from warpsim.dataset.recipe import Recipe
 from warpsim.errors import InputError
+from warpsim.instant import utc_dates
 from warpsim.output.fits_header import Views
-from warpsim.output.formats import Animations, FitsCubes, Format, ImageFiles, Images
+from warpsim.output.formats import FORMATS, Animations, Format, ImageFiles, Images
 from warpsim.output.zarr_array import ARRAY
 from warpsim.render.frameset import FrameSet
 from warpsim.scene.instrument import Instrument
+from warpsim.scene.provenance import provenance
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -76,9 +88,10 @@ def create_store(recipe: Recipe, split: str, path: Path) -> dict[str, Any]:
 
     # Attributes name the axes. Sensors differ from sequence to sequence: they are in the table of images.
     known = {"sequence": split_of(recipe)[split], "band": recipe.band_names, "interval_s": recipe.step_s}
+    words = dataset_provenance(recipe)
     known |= {"target": recipe.scenario.target_names} if recipe.contributions else {}
     # An explicit store: a path as text may be taken for an address.
-    group = create_group(store=LocalStore(path), zarr_format=3, attributes=known)
+    group = create_group(store=LocalStore(path), zarr_format=3, attributes=known | words)
     n_sequence = len(split_of(recipe)[split])
     return {
         name: group.create_array(
@@ -87,6 +100,7 @@ def create_store(recipe: Recipe, split: str, path: Path) -> dict[str, Any]:
             dtype=dtype,
             chunks=_chunk_shape(shape, dtype, recipe.frames_per_shard),
             shards=(recipe.shard_size, recipe.frames_per_shard, *shape[1:]),
+            attributes=words,
             dimension_names=AXES if len(shape) == 5 else (*AXES[:4], "target", *AXES[4:]),
             **ARRAY,
         )
@@ -182,8 +196,8 @@ class _SequenceFolders:
 
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
         self._recipe, self._shard, self._folder = recipe, shard, folder
-        if recipe.format == "fits":
-            self._format: Format = FitsCubes()
+        if recipe.format in ("fits", "fits-frames"):
+            self._format: Format = FORMATS[recipe.format]
         else:
             ending = {"png": ".png", "tiff": ".tif"}[recipe.format]
             others = {"signal_w_cm2": ".signal_w_cm2.exr", "contributions_w_cm2": ".contributions_w_cm2.npy"}
@@ -230,10 +244,10 @@ class _SequenceFolders:
         """Do nothing."""
 
     def locate(self, sequence: Sequence, key: ImageKey) -> tuple[str, str]:
-        """The plane of a cube, or the file of an image."""
+        """The plane of a cube, the extension of a file, or the file of an image."""
         images = Images(sequence.scenario, key.sensor, key.band, [key.frame])
         (name,) = self._format.names(images)
-        item = f"[{key.frame}]" if self._recipe.format == "fits" else ""
+        item = {"fits": f"[{key.frame}]", "fits-frames": f"[{key.frame + 1}]"}.get(self._recipe.format, "")
         return f"{folder_of(self._shard, key.sequence)}/{name}", item
 
 
@@ -252,6 +266,8 @@ class TarArchive:
     def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
         """Append the samples of frames."""
         keys = image_keys(self._recipe, sequence, position, frames)
+        words = provenance(sequence.scene) | {RECIPE_SEED: self._recipe.seed}
+        dates = utc_dates(sequence.scene.epoch_utc, frames.time_s)
         for f, number in enumerate(frames.frames):
             for s, sensor in enumerate(frames.sensors):
                 key = self._key(sequence.number, number, sensor)
@@ -261,7 +277,8 @@ class TarArchive:
                     self._append(f"{key}.npy" if name == "counts" else f"{key}.{name}.npy", data.getvalue())
                 rows = truth[(truth["frame"] == number) & (truth["sensor"] == sensor)]
                 own = [key for key in keys if key.frame == number and key.sensor == sensor]
-                self._append(f"{key}.json", json.dumps(self._label(own, rows)).encode())
+                known = self._label(own, rows) | {"time_s": float(frames.time_s[f]), "date_obs": str(dates[f])}
+                self._append(f"{key}.json", json.dumps(known | words).encode())
 
     def _label(self, keys: list[ImageKey], rows: Any) -> dict[str, Any]:
         """Metadata of a sample: its images, band by band, and its targets in each."""

@@ -45,7 +45,7 @@ def write_oem(
         InputError: A segment has no velocities, counts from a scene's epoch, or the file is there or cannot be written.
     """
     runs = _checked_runs(path, segments, overwrite)
-    lines = _header("OEM", originator, creation_date)
+    lines = ccsds_header("OEM", originator, creation_date)
     for segment in runs:
         if segment.velocity_m_s is None:
             raise InputError("must have velocities to be written as an OEM").of(segment.object_name).of(path)
@@ -55,7 +55,7 @@ def write_oem(
         for date, r, v in zip(dates, segment.position_m / 1e3, segment.velocity_m_s / 1e3, strict=True):
             lines.append(f"{date} {r[0]:.12f} {r[1]:.12f} {r[2]:.12f} {v[0]:.15f} {v[1]:.15f} {v[2]:.15f}")
         lines.append("")
-    _write(path, lines)
+    write_lines(path, lines)
 
 
 def write_aem(
@@ -71,9 +71,9 @@ def write_aem(
         InputError: See write_oem().
     """
     runs = _checked_runs(path, segments, overwrite)
-    lines = _header("AEM", originator, creation_date)
+    lines = ccsds_header("AEM", originator, creation_date)
     for segment in runs:
-        body = _plain(segment.body_frame) if segment.body_frame.isupper() else "SC_BODY_1"
+        body = plain_text(segment.body_frame) if segment.body_frame.isupper() else "SC_BODY_1"
         frames = {"REF_FRAME_A": CCSDS_NAME[segment.frame], "REF_FRAME_B": body}
         lines += _ccsds_meta(segment, {"CENTER_NAME": "EARTH", **frames}, "INTERPOLATION_METHOD")
         lines.append("DATA_START")
@@ -81,7 +81,7 @@ def write_aem(
         for date, q in zip(dates, segment.quaternion, strict=True):
             lines.append(f"{date} {q[0]:.16f} {q[1]:.16f} {q[2]:.16f} {q[3]:.16f}")
         lines += ["DATA_STOP", ""]
-    _write(path, lines)
+    write_lines(path, lines)
 
 
 def write_stk_ephemeris(
@@ -123,7 +123,7 @@ def write_stk_ephemeris(
         parts = [run.position_m] if run.velocity_m_s is None else [run.position_m, run.velocity_m_s]
         form = "%.9f %.9f %.9f %.12f %.12f %.12f"
         lines += [_stk_row(t, row, form) for t, row in zip(times, np.hstack(parts), strict=True)]
-    _write(path, [*lines, "", "END Ephemeris"])
+    write_lines(path, [*lines, "", "END Ephemeris"])
 
 
 def write_stk_attitude(path: str | os.PathLike[str], segment: AttitudeSegment, overwrite: bool = False) -> None:
@@ -140,7 +140,7 @@ def write_stk_attitude(path: str | os.PathLike[str], segment: AttitudeSegment, o
     lines += ["AttitudeTimeQuaternions", ""]
     times = segment.instants.since_instant(epoch)
     lines += [_stk_row(t, q, "%.16f %.16f %.16f %.16f") for t, q in zip(times, segment.quaternion, strict=True)]
-    _write(path, [*lines, "", "END Attitude"])
+    write_lines(path, [*lines, "", "END Attitude"])
 
 
 def _stk_row(time_s: float, values: F64, form: str) -> str:
@@ -165,16 +165,18 @@ def _stk_interpolation(segment: EphemerisSegment) -> list[str]:
     return [f"InterpolationMethod     {name}", f"InterpolationSamplesM1  {max(samples_m1, 1)}"]
 
 
-def _header(kind: str, originator: str, creation_date: str | None) -> list[str]:
+def ccsds_header(kind: str, originator: str, creation_date: str | None) -> list[str]:
+    """Return the header of a message, version 2.0; made now where no date is given."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S")
     made = now if creation_date is None else creation_date
-    return [f"CCSDS_{kind}_VERS = 2.0", f"CREATION_DATE = {made}", f"ORIGINATOR = {_plain(originator)}", ""]
+    return [f"CCSDS_{kind}_VERS = 2.0", f"CREATION_DATE = {made}", f"ORIGINATOR = {plain_text(originator)}", ""]
 
 
 def _ccsds_meta(segment: Segment, more: dict[str, str], method_keyword: str) -> list[str]:
     """The metadata of a segment, in the order of the standards."""
     start, stop = segment.instants[[0, -1]].dates(segment.time_system)
-    meta = {"OBJECT_NAME": _plain(segment.object_name), "OBJECT_ID": _plain(segment.object_id or "UNKNOWN"), **more}
+    name, number = plain_text(segment.object_name), plain_text(segment.object_id or "UNKNOWN")
+    meta = {"OBJECT_NAME": name, "OBJECT_ID": number, **more}
     meta |= {"TIME_SYSTEM": segment.time_system, "START_TIME": start}
     if segment.useable is not None:
         first, last = segment.useable.dates(segment.time_system)
@@ -188,7 +190,7 @@ def _ccsds_meta(segment: Segment, more: dict[str, str], method_keyword: str) -> 
     return ["META_START", *(f"{keyword} = {value}" for keyword, value in meta.items()), "META_STOP"]
 
 
-def _plain(text: str) -> str:
+def plain_text(text: str) -> str:
     """Text that may stand in a message."""
     if not _PRINTABLE.fullmatch(text.strip()):
         raise InputError("must be printable ASCII text", "names", text)
@@ -204,7 +206,8 @@ def _checked_runs(path: str | os.PathLike[str], segments: _S | Sequence[_S], ove
     return runs
 
 
-def _write(path: str | os.PathLike[str], lines: list[str]) -> None:
+def write_lines(path: str | os.PathLike[str], lines: list[str]) -> None:
+    """Write lines as ASCII text, whole or not at all; InputError where that fails."""
     try:
         with whole_file(Path(path)) as partial:
             partial.write_text("\n".join(lines).rstrip("\n") + "\n", encoding="ascii", newline="\n")

@@ -85,6 +85,18 @@ DESCRIPTIONS = {
     "box_w_px": "width of the box",
     "box_h_px": "height of the box",
     "mask_rle": "pixels with least_nei NEI of its light or more, COCO's compressed run lengths; empty if none",
+    "kind": "hit: charge of a radiation hit; flicker: of a pixel that flickers and is on",
+    "charge_e": "charge of a hit or a flickering pixel, of a detector in electrons",
+    "ra_deg": "right ascension of the geometric direction from the sensor, GCRS axes",
+    "dec_deg": "declination of the geometric direction from the sensor, GCRS axes",
+    "ra_cosdec_sigma_deg": "its error along right ascension",
+    "dec_sigma_deg": "its error along declination",
+    "ra_dec_corr": "correlation of both errors",
+    "n_merged": "targets in the clump; 0 for none",
+    "truth_w_cm2": "irradiance that was drawn",
+    "others_w_cm2": "what other targets add to the measured irradiance",
+    "full_px": "full pixels that were left out",
+    "blended": "other targets add more than 0.3 of the error",
     "catalog_row": "row of the star in the catalog",
     "id": "name of the star in the catalog",
 }
@@ -208,7 +220,7 @@ def label_table(frames: FrameSet, least_nei: float = 1.0, with_masks: bool = Fal
         with_masks: Whether masks are drawn.
 
     Returns:
-        The table; its meta holds SCENE and LEAST_NEI.
+        The table; its meta holds LEAST_NEI besides that of the truth.
 
     Raises:
         InputError: least_nei is not above 0, or masks are asked for without the extra `coco` (pycocotools).
@@ -224,7 +236,7 @@ def label_table(frames: FrameSet, least_nei: float = 1.0, with_masks: bool = Fal
         table[name].unit = "pix"
     if with_masks:
         table["mask_rle"] = target_masks(frames, boxes.visible, least).ravel()
-    table.meta |= {"SCENE": frames.scene.name, LEAST_NEI: least}
+    table.meta[LEAST_NEI] = least
     for name in table.colnames:
         table[name].info.description = DESCRIPTIONS[name]
     return table

@@ -17,6 +17,7 @@ from warpsim.files import check_new_file, prepare_folder, whole_file
 from warpsim.output.plan import maps_name
 from warpsim.render.calibration import calibration_counts, detector_maps
 from warpsim.render.device import default_device
+from warpsim.scene.provenance import provenance
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 
@@ -104,7 +105,7 @@ def _check_own_maps(scenario: Scenario, sensor: str, bands: Sequence[str]) -> No
 
 def _cards(scenario: Scenario, sensor: str) -> dict[str, Any]:
     exposure_s = scenario.instrument_of(sensor).sensor.detector.exposure_s
-    return {"SCENE": scenario.scene.name, "SENSOR": sensor, "EXPTIME": (exposure_s, "[s]")}
+    return {"SENSOR": sensor, "EXPTIME": (exposure_s, "[s]"), **provenance(scenario.scene)}
 
 
 def _write_frames(

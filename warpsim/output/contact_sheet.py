@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from warpsim.files import whole_file_by_memory
 from warpsim.output.grey import CEILING_NEI, grey
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
+from warpsim.scene.provenance import provenance
 
 TILE_PX = 128
 GAP_PX = 6
@@ -71,7 +73,7 @@ def draw_contact_sheet(scene: SceneDescription, rows: Sequence[SheetRow], planes
     labels += [(_left(i), TOP_PX - 6, f"{time_s:.1f}", 13, _INK) for i, time_s in enumerate(columns)]
     for number, row in enumerate(rows):
         labels += _draw_row(canvas, TOP_PX + number * (TILE_PX + GAP_PX), row, columns, planes)
-    _write_png(canvas, labels, path)
+    _write_png(canvas, labels, json.dumps(provenance(scene)), path)
 
 
 def _left(column: int) -> int:
@@ -141,7 +143,7 @@ def _nearest(time_s: npt.NDArray[np.float64], columns: Sequence[float]) -> dict[
     return shown
 
 
-def _write_png(canvas: npt.NDArray[np.uint8], labels: list[Label], path: Path) -> None:
+def _write_png(canvas: npt.NDArray[np.uint8], labels: list[Label], words: str, path: Path) -> None:
     import OpenImageIO as oiio
 
     height, width, _ = canvas.shape
@@ -150,6 +152,7 @@ def _write_png(canvas: npt.NDArray[np.uint8], labels: list[Label], path: Path) -
     for x, y, text, size, colour in labels:
         # A missing font is no reason to lose the figure.
         oiio.ImageBufAlgo.render_text(image, x, y, text, size, "", colour)
+    image.specmod().attribute("ImageDescription", words)
     image.geterror()
     with whole_file_by_memory(path) as name:
         if not image.write(name, "uint8", "png"):

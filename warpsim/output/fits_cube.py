@@ -21,7 +21,7 @@ from warpsim.errors import InputError
 from warpsim.files import naming
 from warpsim.instant import utc_dates
 from warpsim.optics.wcs import lens_keywords, tan_keywords, wcs_from_keywords
-from warpsim.output.fits_header import Card, Views
+from warpsim.output.fits_header import Card, Views, provenance_cards
 from warpsim.scene.description import SceneDescription
 
 if TYPE_CHECKING:
@@ -69,16 +69,22 @@ def append_planes(path: Path, planes: npt.NDArray[Any], n_frame: int, cards: Seq
     """
     from astropy.io import fits
 
-    if planes.dtype not in (np.dtype(np.uint16), np.dtype(np.float32)):
-        raise InputError("must be uint16 or float32", "dtype", planes.dtype)
+    stored = stored_planes(planes)
     with naming(path), path.open("ab") as file:
         if file.tell() == 0:
-            header = fits.Header([fits.Card(*card) for card in _form_cards(planes.dtype, (n_frame, *planes.shape[1:]))])
+            header = fits.Header([fits.Card(*card) for card in form_cards(planes.dtype, planes.shape[1:], n_frame)])
             header.extend([fits.Card(*card) for card in cards], strip=False)
             file.write(header.tostring().encode("ascii"))
-        # 16-bit integers of FITS have a sign: 32768 is added by the reader.
-        stored = planes ^ np.uint16(0x8000) if planes.dtype == np.uint16 else planes
-        file.write(stored.astype(stored.dtype.newbyteorder(">")).data)
+        file.write(stored.data)
+
+
+def stored_planes(planes: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return uint16 or float32 numbers as FITS stores them; InputError for others."""
+    if planes.dtype not in (np.dtype(np.uint16), np.dtype(np.float32)):
+        raise InputError("must be uint16 or float32", "dtype", planes.dtype)
+    # 16-bit integers of FITS have a sign: 32768 is added by the reader.
+    stored = planes ^ np.uint16(0x8000) if planes.dtype == np.uint16 else planes
+    return stored.astype(stored.dtype.newbyteorder(">"))
 
 
 def finish_cube(path: Path, scene: SceneDescription, views: Views) -> None:
@@ -105,7 +111,8 @@ def finish_cube(path: Path, scene: SceneDescription, views: Views) -> None:
     extension = fits.table_to_hdu(table)
     extension.name = "FRAMES"
     extension.header.update(lens_keywords(camera))
-    extension.header["TIMESYS"] = "UTC"
+    for name, value, comment in provenance_cards(scene):
+        extension.header[name] = value, comment
     finish_planes(path)
     with naming(path), fits.open(path, mode="append", memmap=False) as file:
         file.append(extension)
@@ -143,16 +150,17 @@ def read_planes(path: Path, frames: Sequence[int]) -> npt.NDArray[np.uint16]:
         return np.stack([np.asarray(file[0].section[numbers.index(frame)], dtype=np.uint16) for frame in frames])
 
 
-def _form_cards(dtype: Any, shape: tuple[int, ...]) -> list[Card]:
-    """Keywords of the form of an array."""
-    is_whole = dtype == np.uint16
+def form_cards(dtype: Any, shape: tuple[int, ...], n_frame: int | None = None) -> list[Card]:
+    """Return the first keywords of an array of n_frame planes of a shape, or of an image extension of one plane."""
+    is_whole, axes = dtype == np.uint16, [*shape[::-1], *([] if n_frame is None else [n_frame])]
+    words = ["columns", "rows, first row on top", *["targets"] * (len(shape) - 2), "frames"]
+    begin: Card = ("SIMPLE", True, "conforms to FITS") if n_frame is not None else ("XTENSION", "IMAGE", "")
+    end: list[Card] = [("EXTEND", True, "")] if n_frame is not None else [("PCOUNT", 0, ""), ("GCOUNT", 1, "")]
     cards: list[Card] = [
-        ("SIMPLE", True, "conforms to FITS"),
+        begin,
         ("BITPIX", 16 if is_whole else -32, "16-bit integers" if is_whole else "32-bit floats"),
-        ("NAXIS", len(shape), ""),
-        ("NAXIS1", shape[-1], "columns"),
-        ("NAXIS2", shape[-2], "rows, first row on top"),
-        *((f"NAXIS{i + 3}", n, "frames" if i == len(shape) - 3 else "targets") for i, n in enumerate(shape[-3::-1])),
-        ("EXTEND", True, ""),
+        ("NAXIS", len(axes), ""),
+        *((f"NAXIS{i}", n, word) for i, (n, word) in enumerate(zip(axes, words, strict=False), start=1)),
+        *end,
     ]
     return [*cards, ("BSCALE", 1, ""), ("BZERO", 32768, "unsigned 16-bit")] if is_whole else cards

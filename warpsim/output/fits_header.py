@@ -20,7 +20,7 @@ from warpsim.render.frameset import FrameSet
 from warpsim.render.states import sensor_states
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
-from warpsim.version import __version__
+from warpsim.scene.provenance import PROVENANCE, provenance
 
 Card = tuple[str, Any, str]
 """Keyword, value, comment."""
@@ -46,7 +46,6 @@ def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, ba
     low_um, high_um = response.half_power_um
     return [
         ("BUNIT", "adu", "counts"),
-        ("SCENE", scene.name, ""),
         ("TELESCOP", instrument.satellite_of(sensor), "satellite"),
         ("INSTRUME", instrument.sensor.name, "kind of sensor"),
         ("SENSOR", sensor, ""),
@@ -55,17 +54,18 @@ def scene_cards(scene: SceneDescription, instrument: Instrument, sensor: str, ba
         ("WAVEMIN", low_um, "[um] lower half-power wavelength"),
         ("WAVEMAX", high_um, "[um] upper half-power wavelength"),
         ("RESPONSE", "photon" if response.per_photon else "energy", "response per energy, or per photon"),
-        ("TIMESYS", "UTC", ""),
-        ("DATEREF", scene.epoch_utc, "instant of TIME_S = 0"),
         ("NEI", levels.nei_w_cm2, "[W/cm2] noise equivalent irradiance"),
         ("SEI", levels.sei_w_cm2, "[W/cm2] saturation equivalent irradiance"),
         ("OFFSET", levels.blank_counts, "[adu] blank sky"),
         ("CNTNEI", levels.counts_per_nei, "[adu] per NEI"),
         *_detector_cards(instrument.sensor.detector, levels),
-        ("SEED", scene.seed, "of the world"),
-        ("NOISSEED", instrument.noise_seed, "of the noise"),
-        ("CREATOR", f"warpsim {__version__}", ""),
+        *provenance_cards(scene),
     ]
+
+
+def provenance_cards(scene: SceneDescription) -> list[Card]:
+    """Return the keywords of every FITS file: where it is from."""
+    return [(name, value, PROVENANCE[name]) for name, value in provenance(scene).items()]
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ import numpy.typing as npt
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
 from warpsim.output.fits_cube import append_planes, finish_cube, finish_planes, read_planes
-from warpsim.output.fits_header import Views, image_cards, scene_cards
+from warpsim.output.fits_frames import append_frames, read_frames
+from warpsim.output.fits_header import Card, Views, image_cards, scene_cards
 from warpsim.output.grey import grey, grey_shape
 from warpsim.output.image_files import facts_of, read_image, write_counts, write_signal
 from warpsim.output.preview import PREVIEW_FPS, PREVIEW_PX, animation, check_preview
@@ -118,11 +119,7 @@ class FitsCubes:
         """Append to a cube for each plane."""
         cards = scene_cards(images.scenario.scene, images.instrument, images.sensor, images.band)
         for name, values in planes.items():
-            if name == "counts":
-                own = cards
-            else:
-                own = [*(card for card in cards if card[0] != "BUNIT"), ("HISTORY", PLANES[name], "")]
-            append_planes(self._path(folder, images, name), values, len(images.frames), own)
+            append_planes(self._path(folder, images, name), values, len(images.frames), _cards_of_plane(cards, name))
 
     def finish(self, folder: Path, images: Images, views: Views) -> None:
         """Add the table of frames to the cube of counts."""
@@ -137,6 +134,48 @@ class FitsCubes:
 
     def _path(self, folder: Path, images: Images, plane: str) -> Path:
         return folder / (f"{images.stem}.fits" if plane == "counts" else f"{images.stem}.{plane}.fits")
+
+
+def _cards_of_plane(cards: list[Card], plane: str) -> list[Card]:
+    """Keywords of counts, or of another plane, which has another unit."""
+    if plane == "counts":
+        return cards
+    return [*(card for card in cards if card[0] != "BUNIT"), ("HISTORY", PLANES[plane], "")]
+
+
+@dataclass(frozen=True)
+class FitsFrames:
+    """SENSOR_BAND.frames.fits: an extension for each frame; SENSOR_BAND.PLANE.frames.fits of other planes."""
+
+    plane: str = "counts"
+
+    def check(self) -> None:
+        """Do nothing: astropy is always installed."""
+
+    def names(self, images: Images) -> list[str]:
+        """One file."""
+        return [f"{images.stem}.frames.fits"]
+
+    def n_together(self, images: Images) -> int:
+        """Any number."""
+        return 1
+
+    def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
+        """Append an extension for each frame, to a file for each plane."""
+        scene = images.scenario.scene
+        cards = scene_cards(scene, images.instrument, images.sensor, images.band)
+        every = list(image_cards(scene, images.band, views))
+        for name, values in planes.items():
+            path = folder / (f"{images.stem}.frames.fits" if name == "counts" else f"{images.stem}.{name}.frames.fits")
+            own = [_cards_of_plane(of_frame, name) for of_frame in every]
+            append_frames(path, values, views.frames, own, _cards_of_plane(cards, name))
+
+    def finish(self, folder: Path, images: Images, views: Views) -> None:
+        """Do nothing."""
+
+    def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
+        """Extensions of the file."""
+        return read_frames(folder / f"{images.stem}.frames.fits", frames)
 
 
 @dataclass(frozen=True)
@@ -277,6 +316,7 @@ class Animations:
 
 FORMATS: dict[str, Format] = {
     "fits": FitsCubes(),
+    "fits-frames": FitsFrames(),
     "tiff": ImageFiles({"counts": ".tif"}),
     "png": ImageFiles({"counts": ".png"}),
     "exr": ImageFiles({"signal_w_cm2": ".exr"}),

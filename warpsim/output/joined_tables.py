@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 def joined_tables(parts: Sequence[Table]) -> Table:
     """Return the rows of tables, one behind the other.
 
+    The metadata are those that all have alike: what differs from part to part, as a seed, is no word of the whole.
     Columns with a value per band have those of all tables, in the order of BANDS in the metadata, NaN for bands that a
     sensor does not have.
     """
@@ -23,6 +24,8 @@ def joined_tables(parts: Sequence[Table]) -> Table:
         return parts[0]
     bands = list(dict.fromkeys(band for part in parts for band in _bands(part)))
     table = vstack([_spread(part, bands) for part in parts], metadata_conflicts="silent")
+    alike = [name for name in parts[0].meta if all(part.meta.get(name) == parts[0].meta[name] for part in parts)]
+    table.meta = {name: parts[0].meta[name] for name in alike}
     if bands:
         table.meta["BANDS"] = ",".join(bands)
         table.meta["CATALOG"] = ", ".join(dict.fromkeys(str(part.meta["CATALOG"]) for part in parts))

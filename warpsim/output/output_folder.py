@@ -106,8 +106,8 @@ class OutputFolder:
         """Do a job, or what an earlier run has left of it.
 
         Raises:
-            InputError: The folder cannot be written, is in use, or holds another run and overwrite is not set, or
-                files that warpsim did not write.
+            InputError: The folder cannot be written, is in use, holds another run and overwrite is not set, files of
+                others under names of the job, or files of others alone.
             OSError: Writing failed on the way; the same job goes on from there.
         """
         if self.is_complete():
@@ -239,6 +239,8 @@ class OutputFolder:
                 "pass --overwrite",
             ).of(self.path)
         self._check_foreign(claimed, {name for run in runs for name in _names(run)} | ({MANIFEST} if runs else set()))
+        if not (runs or self._journals()):
+            self._check_empty()
         if others or growing:
             (self.parts / RUN).unlink(missing_ok=True)  # first: its workers may still be there, and end without it
             remove_files(self.path, theirs)
@@ -248,6 +250,13 @@ class OutputFolder:
         for name in claimed:
             if "/" not in name:
                 partial_path(self.path / name).unlink(missing_ok=True)
+
+    def _check_empty(self) -> None:
+        """Check that a folder without a run holds nothing: files are not to be scattered among those of others."""
+        names = sorted(path.name for path in self.path.iterdir() if not path.name.startswith("."))
+        if names:
+            rule = f"is not empty (it holds {names[0]}), and warpsim did not write it; choose a new or an empty folder"
+            raise InputError(rule).of(self.path)
 
     def _check_foreign(self, claimed: list[str], ours: set[str]) -> None:
         """Check that what exists of the claimed names was written by earlier runs."""

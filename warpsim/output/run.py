@@ -29,6 +29,7 @@ from warpsim.output.wording import progress_bar
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 from warpsim.scene.instrument import Instrument
+from warpsim.scene.provenance import provenance
 from warpsim.scene.roster import some_names
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
@@ -104,12 +105,12 @@ def render_to_folder(
         bands: Band names; all of each sensor when left out. Sensors that have none of them are left out.
         device: Warp device.
         overwrite: Replace a different run that the folder holds.
-        progress: Draw a progress bar on standard error.
+        progress: Draw a progress bar on standard error; where that is no terminal, print a line each 30 s.
         stars: Also write `stars.fits`, the stars of every image.
         every_frame: Also render frames without access.
-        formats: How images are stored, one or several: "fits" (a cube for each sensor and band), "tiff", "png" (a
-            16-bit file for each image), "exr" (the same of the noiseless signal [W/cm2], float32), "zarr" (an array
-            for each sensor and band; the extra `zarr`).
+        formats: How images are stored, one or several: "fits" (a cube for each sensor and band), "fits-frames" (an
+            extension for each frame), "tiff", "png" (a 16-bit file for each image), "exr" (the same of the noiseless
+            signal [W/cm2], float32), "zarr" (an array for each sensor and band; the extra `zarr`).
         preview: Also an animation for each sensor and band: "gif", or "mp4" with the extra `video`.
 
     Returns:
@@ -189,7 +190,7 @@ class Run:
         for sensor in firsts.values():
             # A first frame, thrown away, compiles the kernels: the speed reported at the end is that of rendering.
             self.renderer.render(plan.frames_of[sensor][:1], [sensor], plan.bands_of[sensor])
-        with progress_bar(sum(map(len, plan.frames_of.values())), self.progress) as advance:
+        with progress_bar(sum(map(len, plan.frames_of.values())), self.progress, "frames") as advance:
             advance(sum(len(plan.frames_of[sensor]) for sensor in records))
             for sensor in missing:
                 with folder.naming_full_disk():
@@ -290,7 +291,7 @@ class Run:
             "key": key,
             **made_with(),
             "device": {"name": device.name, "alias": str(device)},
-            "seed": plan.scenario.scene.seed,
+            "provenance": provenance(plan.scenario.scene),
             "bands": plan.bands,
             "responses": {name: response_facts(plan.scenario.bands[name]) for name in plan.bands},
             "orbit_interpolation": {"node_step_s": tracks.step_s, "measured_error_m": tracks.error_m},

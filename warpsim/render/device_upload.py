@@ -102,6 +102,12 @@ def make_device_scene(
     return DeviceScene(**of_bodies, psf=psf, read_out=read_out, **own)
 
 
+def with_pointing(scene: DeviceScene, instrument: Instrument) -> DeviceScene:
+    """Return a scene whose sensors point as those of a commanded instrument; streaks are followed as before."""
+    kernel, pointing = make_pointing(instrument, scene.device)
+    return dataclasses.replace(scene, instrument=instrument, aim_kernel=kernel, pointing=pointing)
+
+
 def tracks_struct(tracks: Tracks, satellites: Sequence[int], device: wp.Device) -> Any:
     """Return tracks as the kernels' struct: a row for each sensor, then one for each target."""
     bodies = [*(tracks.satellites[index] for index in satellites), *tracks.targets]

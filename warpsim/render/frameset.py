@@ -23,6 +23,7 @@ from warpsim.render.line_of_sight import LineOfSight, ViewGeometry
 from warpsim.render.truth import ImageAxes, star_table, truth_table
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
+from warpsim.scene.provenance import provenance
 from warpsim.scene.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -169,7 +170,7 @@ class FrameSet:
         Raises:
             InputError: The image was not rendered, or a value is out of range.
         """
-        return self._geometry("line_of_sight", frame, sensor).line_of_sight(xy_px, range_m, axes)
+        return self.view_geometry("line_of_sight", frame, sensor).line_of_sight(xy_px, range_m, axes)
 
     def project(
         self, frame: int, sensor: str, position_m: npt.ArrayLike
@@ -188,9 +189,10 @@ class FrameSet:
         Raises:
             InputError: The image was not rendered, or a position is not finite.
         """
-        return self._geometry("project", frame, sensor).project(position_m)
+        return self.view_geometry("project", frame, sensor).project(position_m)
 
-    def _geometry(self, what: str, frame: int, sensor: str) -> ViewGeometry:
+    def view_geometry(self, what: str, frame: int, sensor: str) -> ViewGeometry:
+        """Camera and state of the sensor of an image; InputError, as of `what`, if it was not rendered."""
         view, _ = self.image_numbers(what, frame, sensor, self.bands[0])
         time_s, axes = float(self.time_s[self.frames.index(frame)]), np.asarray(self._host.views[view]["axes"])
         return ViewGeometry(self.scenario, self.instrument, sensor, time_s, axes)
@@ -202,7 +204,7 @@ class FrameSet:
         x_px and y_px are the very numbers that the light was drawn at. snr is irradiance / NEI; snr_peak counts only
         the light in the target's own pixel. left_out_w_cm2 is the light beyond the target's stamp.
         """
-        return truth_table(self._axes, self._device_scene, self._host)
+        return self._with_provenance(truth_table(self._axes, self._device_scene, self._host))
 
     @cached_property
     def stars(self) -> Table:
@@ -213,7 +215,7 @@ class FrameSet:
         """
         if self._star_lists is None:
             raise InputError("render with keep_stars=True to have them", "stars")
-        return star_table(self._axes, self._device_scene, self._star_lists)
+        return self._with_provenance(star_table(self._axes, self._device_scene, self._star_lists))
 
     @cached_property
     def artifacts(self) -> Table:
@@ -223,7 +225,12 @@ class FrameSet:
         which would give the same charge, and of a detector in electrons charge_e.
         """
         own = self._device_scene.artifacts
-        return artifact_table(own, self.instrument, self.frames, self.sensors, self.bands)
+        return self._with_provenance(artifact_table(own, self.instrument, self.frames, self.sensors, self.bands))
+
+    def _with_provenance(self, table: Table) -> Table:
+        """Say in a table's meta where it is from."""
+        table.meta |= provenance(self.scene)
+        return table
 
     def artifact_mask(self, frame: int, sensor: str, band: str) -> npt.NDArray[np.uint8]:
         """Pixels of one image that hold charge which is not light: 1 by radiation hits, 2 by flicker, 3 both, else 0.

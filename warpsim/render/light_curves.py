@@ -26,6 +26,7 @@ from warpsim.render.stages import aim, observe_targets, split_light
 from warpsim.render.truth import sunlit_fraction
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
+from warpsim.scene.provenance import provenance
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 
@@ -101,7 +102,7 @@ class LightCurves:
         columns |= {f"{name}_w_cm2": values.ravel() for name, values in self.terms_w_cm2.items()}
         columns["snr"] = self.snr.ravel()
         scene = self.scenario.scene
-        table = Table(columns, meta={"SCENE": scene.name, "DATEREF": scene.epoch_utc, "TIMESYS": "UTC"})
+        table = Table(columns, meta=provenance(scene))
         units = {"time_s": "s", "range_km": "km", "aspect_deg": "deg", "projected_area_m2": "m2", "temperature_k": "K"}
         units |= {name: "W / cm2" for name in table.colnames if name.endswith("_w_cm2")}
         for name, unit in units.items():

@@ -13,6 +13,7 @@ from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.orbit.earth import itrs_to_gcrs
 from warpsim.orbit.sun import earth_states
+from warpsim.render.states import sensor_states
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.sky.apparent import apparent_direction
@@ -97,6 +98,11 @@ class ViewGeometry:
             return LineOfSight(self.sensor, time_s, origin, direction, distance, "itrs")
         return LineOfSight(self.sensor, time_s, origin, direction, distance)
 
+    def sensor_states(self, y_px: npt.ArrayLike) -> tuple[F64, F64]:
+        """Return times of rows after the epoch [s], (n,), and states of the sensor then, (n, 10), as STATE_NAMES."""
+        time_s, camera_axes = self._rows(np.asarray(y_px, dtype=np.float64))
+        return time_s, sensor_states(self.instrument, self.sensor, time_s, camera_axes)
+
     def project(self, position_m: npt.ArrayLike) -> tuple[F64, npt.NDArray[np.bool_]]:
         """As `FrameSet.project` says."""
         positions = _vectors("position_m", position_m, 3, "m")
@@ -132,9 +138,10 @@ class ViewGeometry:
 
     def _states(self, time_s: F64) -> tuple[F64, F64, F64]:
         """Position of the sensor, and barycentric velocities of the Earth and of the sensor, (n, 3) each."""
-        position, velocity = self.instrument.state(self.sensor, time_s)
-        earth = np.asarray(earth_states(self.scenario.epoch, time_s).velocity_m_s)
-        return position, earth, earth + velocity
+        times_s, index = np.unique(time_s, return_inverse=True)  # mostly one
+        position, velocity = self.instrument.state(self.sensor, times_s)
+        earth = np.asarray(earth_states(self.scenario.epoch, times_s).velocity_m_s)
+        return position[index], earth[index], (earth + velocity)[index]
 
 
 _N_ROW_STEP = 8

@@ -134,18 +134,24 @@ class Pipeline:
         self._stand_in = wp.empty((1, *image), dtype=wp.uint16, device=device)  # until a batch brings its own
         self._rows = new_row_views(scene, self.sources) if streaks.rolls else None
         self.stream = wp.Stream(device) if device.is_cuda else None
-        self._view_stages = self._bound_to_views()
         self._at_once: Stage | None = None
         self._images: ImageStages | None = None  # where signal is held
         self._spots: wp.array | None = None  # only where they are read: to make their functions takes time
         if is_read_out_at_once(scene):
             self._spots = new_spots(scene, n_view, n_slot)
-            self._view_stages.append(find_spots(scene, self.sources, self._spots))
             self._at_once = deposit_read_out(scene, self._inputs, self.sources, self._spots, self._stand_in)
+        self._view_stages = self._bound_to_views()
 
     def _bound_to_views(self) -> list[Stage]:
         scene, inputs, columns, sources = self.scene, self._inputs, self.columns, self.sources
-        return view_stages(scene, inputs, columns, sources, self._series, self._exposure, self._rows)
+        stages = view_stages(scene, inputs, columns, sources, self._series, self._exposure, self._rows)
+        return stages if self._spots is None else [*stages, find_spots(scene, sources, self._spots)]
+
+    def point(self, scene: DeviceScene) -> None:
+        """Go on with a scene that differs in its pointing alone."""
+        self.finish()  # what was asked for reads the pointing before
+        self.scene = scene
+        self._view_stages = self._bound_to_views()
 
     @property
     def n_byte(self) -> int:

@@ -46,6 +46,15 @@ class Pipelines:
         self._ready: wp.Event | None = None
         self._set_slots(certain or self.scene.n_target + EXTRA_SLOTS)
 
+    def point(self, scenes: Sequence[DeviceScene]) -> None:
+        """Go on with scenes that differ in their pointing alone."""
+        self.scene, self.scenes = scenes[0], scenes
+        self._scenes = [scenes[number % len(scenes)] for number in range(len(self._scenes))]
+        for scene, pipeline, busy in zip(self._scenes, self._pipelines, self._busy, strict=True):
+            with busy:
+                if pipeline is not None:
+                    pipeline.point(scene)
+
     @property
     def n_byte(self) -> int:
         """Memory of their arrays."""

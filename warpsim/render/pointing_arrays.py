@@ -62,14 +62,14 @@ def make_pointing(instrument: Instrument, device: wp.Device) -> tuple[wp.Kernel,
 
 
 def aim_features(instrument: Instrument) -> AimFeatures:
-    """Return what the kernel of an instrument's pointing holds."""
-    program = instrument.program
+    """Return what the kernel of an instrument's pointing holds; one kernel serves all that may be commanded."""
+    program, commanded = instrument.program, instrument.is_commanded
     kinds, sensors = {law.kind for law in program.laws}, program.sensors
-    steps = any(len(own.steps) > 1 for own in sensors)
+    steps = commanded or any(len(own.steps) > 1 for own in sensors)
     return AimFeatures(
-        track="track" in kinds,
-        fixed="fixed" in kinds,
-        scan="scan" in kinds,
+        track=commanded or "track" in kinds,
+        fixed=commanded or "fixed" in kinds,
+        scan=any(own.scan is not None for own in sensors),
         steps=steps,
         slews=steps and any(own.slew is not None for own in sensors),
         steady_errors=any(_errs(own.bias) or _errs(own.drift) for own in sensors),

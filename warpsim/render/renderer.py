@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
@@ -16,9 +16,10 @@ from warpsim.arguments import whole_number
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.render.batch import Batch, HostColumns, new_batch
+from warpsim.render.commanded import CommandedPointing
 from warpsim.render.device import chosen_devices, kernel_loading, worker_count
 from warpsim.render.device_scene import Streaks
-from warpsim.render.device_upload import make_device_scene
+from warpsim.render.device_upload import make_device_scene, with_pointing
 from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.observation import observe
@@ -26,7 +27,7 @@ from warpsim.render.pipelines import Pipelines
 from warpsim.render.pool import pool_of
 from warpsim.render.request import Request, checked_rate, checked_request
 from warpsim.render.stars import Skies
-from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, Stream, StreamStats, stream_sizes
+from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, FrameStream, Stream, StreamStats, stream_sizes
 from warpsim.render.tiled_stars import with_stars_of
 from warpsim.render.truth import ImageAxes, truth_table
 from warpsim.scene.description import SceneDescription
@@ -87,7 +88,7 @@ class Renderer:
         self._skies.indices(self._first_bands)  # a catalog that cannot be read is found here
         most_bytes = None if pool_bytes is None else whole_number("pool_bytes", pool_bytes, 0)
         self._pool = pool_of(self.devices, self._to_host, most_bytes)
-        self._pipelines: dict[tuple[str, tuple[str, ...]], Pipelines] = {}
+        self._pipelines: dict[tuple[str, tuple[str, ...], bool], Pipelines] = {}
         self._lock = threading.Lock()  # buffers serve one call at a time
         self._stream: Stream | None = None
 
@@ -207,7 +208,9 @@ class Renderer:
         n_ahead: int | None = None,
         keep_signal: bool = False,
         keep_stars: bool = False,
-    ) -> Iterator[FrameSet]:
+        loop: bool = False,
+        prepare: Callable[[FrameSet], Any] | None = None,
+    ) -> FrameStream:
         """Render frame after frame in real time, while the caller works on those before; `stats` says how it goes.
 
         The clock starts when the first frame is ready; frame k is then due k / rate_hz later, and its time is over when
@@ -222,9 +225,11 @@ class Renderer:
             n_ahead: Frames rendered ahead at most; chosen by rate and size when left out.
             keep_signal: As in `render`.
             keep_stars: As in `render`.
+            loop: Begin anew after the last frame, without end; pointing is then the scene's again.
+            prepare: Function of each frame, called ahead by the thread that renders; `latest.prepared` is its result.
 
         Returns:
-            Iterator of FrameSets of one frame each.
+            Iterator of FrameSets of one frame each; its `send` points sensors while it runs.
 
         Raises:
             InputError: As in `render`; a rate or a number of frames that is not above 0.
@@ -236,13 +241,15 @@ class Renderer:
         group_bytes = GROUP_BYTES_CUDA if self.device.is_cuda else GROUP_BYTES
         sizes = stream_sizes(rate_hz, len(request.sensors), request.bytes_per_frame, n_pipeline, ahead, group_bytes)
 
-        def rendered(some: Sequence[int]) -> FrameSet:
-            frames = self._render(replace(request, frames=some))
+        def rendered(some: Sequence[int], instrument: Instrument) -> FrameSet:
+            frames = self._render(replace(request, frames=some, instrument=instrument))
             frames.counts.wait()  # what is handed over is complete, and latencies are those of complete frames
             return frames
 
-        self._stream = Stream(rendered, request.frames, rate_hz, drop, *sizes)
-        return self._stream.frames()
+        pointing = CommandedPointing(self.scenario, request.instrument, request.sensors, self.devices)
+        options: dict[str, Any] = {"loop": loop, "pointing": pointing, "prepare": prepare}
+        self._stream = Stream(rendered, request.frames, rate_hz, drop, *sizes, **options)
+        return FrameStream(self._stream)
 
     @property
     def stats(self) -> StreamStats | None:
@@ -268,12 +275,20 @@ class Renderer:
         return self._pipelines_of(instrument, tuple(bands)).scene.streaks
 
     def _pipelines_of(self, instrument: Instrument, bands: tuple[str, ...]) -> Pipelines:
-        key = instrument.sensor.name, bands
+        """Pipelines of a kind of sensor, and others where its pointing is commanded: one command after the other."""
+        key = instrument.sensor.name, bands, instrument.is_commanded
         if key not in self._pipelines:
-            indices = self._skies.indices(instrument.bands.values())
-            scenes = [make_device_scene(self.scenario, instrument, bands, index.device, index) for index in indices]
+            if instrument.is_commanded:
+                own = self._pipelines_of(self.scenario.instruments[instrument.sensor.name], bands).scenes
+                scenes = [with_pointing(scene, instrument) for scene in own]
+            else:
+                indices = self._skies.indices(instrument.bands.values())
+                scenes = [make_device_scene(self.scenario, instrument, bands, index.device, index) for index in indices]
             self._pipelines[key] = Pipelines(scenes, self.n_thread, self._to_host, self.chunk_bytes)
-        return self._pipelines[key]
+        pipelines = self._pipelines[key]
+        if pipelines.scene.instrument is not instrument:
+            pipelines.point([with_pointing(scene, instrument) for scene in pipelines.scenes])
+        return pipelines
 
     def _with_stars_of(
         self, batch: Batch, pipelines: Pipelines, ready: wp.Event | None

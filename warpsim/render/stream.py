@@ -11,12 +11,18 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from warpsim.errors import InputError
+from warpsim.render.commanded import CommandedPointing
 from warpsim.render.frameset import FrameSet
+from warpsim.scene.pointing_commands import AppliedCommand
 
 GROUP_S = 0.005
 """Frames of a fast stream are rendered together, as many as are due within this time: calls cost some 0.2 ms each."""
@@ -75,34 +81,59 @@ class Pace:
         return self.rate_hz is not None and now_s > self.due_s(index + 1)
 
 
+class Handed(NamedTuple):
+    """A frame of a stream as it was handed over."""
+
+    number: int
+    """Frames of the stream before it, those that were dropped included."""
+    due_s: float
+    """When it was due, by `time.perf_counter`; -inf in a stream without rate."""
+    is_late: bool
+    """Whether its time was over."""
+    prepared: Any = None
+    """What `prepare` has made of it."""
+
+
 class Stream:
     """A running stream. One thread renders, another one takes.
 
     Args:
-        render: Renders some frames.
+        render: Renders some frames; with the pointing's instrument as `instrument`, where there is a pointing.
         frames: Frame numbers.
         rate_hz: Frames per second; None: as fast as possible.
         drop: Whether frames whose time is over may be dropped.
         n_ahead: Frames that wait in the ring at most.
         n_together: Frames rendered in one call at most.
         clock: The time [s].
+        loop: Whether the first frame follows the last one.
+        pointing: Pointing of the sensors, which may be commanded.
+        prepare: Function of a frame that is called ahead, by the thread that renders.
     """
 
     def __init__(
         self,
-        render: Callable[[Sequence[int]], FrameSet],
+        render: Callable[..., FrameSet],
         frames: Sequence[int],
         rate_hz: float | None,
         drop: bool,
         n_ahead: int,
         n_together: int,
         clock: Callable[[], float] = time.perf_counter,
+        loop: bool = False,
+        pointing: CommandedPointing | None = None,
+        prepare: Callable[[FrameSet], Any] | None = None,
     ) -> None:
-        self._render, self._frames = render, frames
+        self._render, self._frames, self._pointing = render, frames, pointing
+        self._prepare = prepare or (lambda _: None)
+        self._n_frame_in_all = math.inf if loop and frames else len(frames)
         self._drop, self._n_ahead, self._n_together = drop, n_ahead, min(n_together, n_ahead)
         self._clock = clock
         self._pace = Pace(rate_hz, math.inf)
-        self._ring: deque[tuple[int, FrameSet]] = deque()  # index in the stream, frame
+        self._ring: deque[tuple[int, FrameSet, Any]] = deque()  # index in the stream, frame, what was made of it
+        self._choosing = threading.Lock()  # no command comes between the choice of frames and that of their pointing
+        self._next = self._lap = 0  # index of the frame to be rendered next, and passes through the frames before it
+        self.latest = Handed(-1, math.nan, False)
+        """The frame handed over last."""
         self._changed = threading.Condition()  # guards all below, and the ring
         self._closed = self._finished = False
         self._error: BaseException | None = None
@@ -129,7 +160,24 @@ class Stream:
                 self._last_s - self._first_s,
             )
 
-    def frames(self) -> Iterator[FrameSet]:
+    def send(self, command: Any) -> list[AppliedCommand]:
+        """Point sensors from the next frame on that is not rendered yet; InputError where that cannot be."""
+        if self._pointing is None or not is_ascending(self._frames):
+            raise InputError("takes pointing commands only if its frames are in the order of time", "stream")
+        checked = self._pointing.checked(command)
+        with self._choosing:
+            if self._closed or self._next >= self._n_frame_in_all:
+                raise InputError("has no frame left to render", "stream")
+            self._enter_lap(self._next)
+            return self._pointing.apply(checked, self._frames[self._next % len(self._frames)])
+
+    def _enter_lap(self, index: int) -> None:
+        """Let every pass through the frames begin with the scene's pointing."""
+        if self._pointing is not None and index // len(self._frames) != self._lap:
+            self._pointing.restart()
+        self._lap = index // len(self._frames)
+
+    def frames(self) -> Generator[FrameSet, None, None]:
         """The frames, each when it is due; closing the iterator, or an exception, ends the thread."""
         self._thread.start()
         try:
@@ -157,20 +205,22 @@ class Stream:
             while self._drop and len(self._ring) > 1 and self._pace.over(self._ring[0][0], self._clock()):
                 self._ring.popleft()
                 self._n_dropped += 1
-            index, frame = self._ring.popleft()
+            index, frame, prepared = self._ring.popleft()
             self._changed.notify_all()
         due_s = self._pace.due_s(index)
         while (wait_s := due_s - self._clock()) > 0:
             time.sleep(wait_s)
-        self._note(index, self._clock(), asked_s if self._pace.rate_hz is None else due_s)
+        self._note(index, self._clock(), asked_s if self._pace.rate_hz is None else due_s, prepared)
         return frame
 
-    def _note(self, index: int, now_s: float, since_s: float) -> None:
+    def _note(self, index: int, now_s: float, since_s: float, prepared: Any) -> None:
         """Count a frame that is handed over now."""
         with self._changed:
             self._first_s, self._last_s = (self._first_s if self._n_frame else now_s), now_s
+            is_late = self._pace.over(index, now_s)
+            self.latest = Handed(index, self._pace.due_s(index), is_late, prepared)
             self._n_frame += 1
-            self._n_late += self._pace.over(index, now_s)
+            self._n_late += is_late
             self._latency_s.append(now_s - since_s)
             self._max_s = now_s - since_s if math.isnan(self._max_s) else max(self._max_s, now_s - since_s)
 
@@ -178,19 +228,28 @@ class Stream:
         """Render ahead until all is done or the consumer has gone."""
         index, n_frame = 0, len(self._frames)
         try:
-            while index < n_frame:
+            while index < self._n_frame_in_all:
                 with self._changed:
                     self._changed.wait_for(lambda: self._closed or self._room() > 0)
                     if self._closed:
                         return
-                    index = self._next_index(index)
-                    end = min(index + self._room(), n_frame)
-                frames = self._render(self._frames[index:end])
+                with self._choosing:
+                    with self._changed:
+                        index = self._next_index(index)
+                        first = index % n_frame
+                        some = self._frames[first : first + self._room()]
+                    self._enter_lap(index)
+                    self._next = index + len(some)
+                    pointing = self._pointing
+                    render = self._render if pointing is None else partial(self._render, instrument=pointing.instrument)
+                frames = render(some)
+                ready = [frames.one_frame(number) for number in range(len(some))]
+                made = [(index + number, frame, self._prepare(frame)) for number, frame in enumerate(ready)]
                 with self._changed:
-                    self._ring += [(index + number, frames.one_frame(number)) for number in range(end - index)]
+                    self._ring += made
                     self._changed.notify_all()
-                del frames  # its memory is to return once the consumer has let go
-                index = end
+                del frames, ready, made  # its memory is to return once the consumer has let go
+                index += len(some)
         except BaseException as error:
             self._error = error  # for the consumer to see
         finally:
@@ -205,10 +264,64 @@ class Stream:
     def _next_index(self, index: int) -> int:
         """The first frame from an index on whose time is not over; the last one at the latest."""
         now_s, first = self._clock(), index
-        while self._drop and index < len(self._frames) - 1 and self._pace.over(index, now_s):
+        while self._drop and index < self._n_frame_in_all - 1 and self._pace.over(index, now_s):
             index += 1
         self._n_dropped += index - first
         return index
+
+
+class FrameStream(Iterator[FrameSet]):
+    """Frames in real time: an iterator of FrameSets of one frame each, whose sensors can be pointed meanwhile."""
+
+    def __init__(self, stream: Stream) -> None:
+        self._stream, self._frames = stream, stream.frames()
+
+    def __next__(self) -> FrameSet:
+        return next(self._frames)
+
+    def send(self, command: Any) -> list[AppliedCommand]:
+        """Point sensors: the next frame that is not rendered yet is the first that follows; from any thread.
+
+        The camera begins to turn at the time of that frame, from where it points then, with the `slew` of its
+        `pointing`; without one it points there at once. While it still slews, the command waits until it has settled; a
+        later command takes its place. The steps that `pointing` has for later times are given up. Frames are those of
+        a scene whose `pointing` is this schedule. Those rendered ahead come as they are: `n_ahead` says how many.
+
+        Args:
+            command: A dict of `sensor`, the name of a sensor, a kind or a pattern of names, and the fields of a
+                PointingStep but `start_s`: `track`, `ra_dec_deg` or `azimuth_elevation_deg`, `offset_px`, `roll_deg`.
+
+        Returns:
+            What was done, a row for each sensor: sensor, frame, start_s and settled_s (after the epoch) [s], and the
+            step of a schedule that repeats it.
+
+        Raises:
+            InputError: A field is unknown, or its value not valid; the sensor is not rendered, the target not there;
+                the slew is not possible within its limits or before the scene's end; no frame is left to render, or
+                frames are not in the order of time.
+        """
+        return self._stream.send(command)
+
+    @property
+    def stats(self) -> StreamStats:
+        """Statistics, so far."""
+        return self._stream.stats
+
+    @property
+    def latest(self) -> Handed:
+        """The frame handed over last: its number in the stream, when it was due, whether it was late."""
+        return self._stream.latest
+
+    def close(self) -> None:
+        """End the stream; so do the end of a loop over it, and an exception there."""
+        self._frames.close()
+
+
+def is_ascending(frames: Sequence[int]) -> bool:
+    """Return whether frame numbers are in the order of time."""
+    if isinstance(frames, range):
+        return frames.step > 0
+    return all(before < after for before, after in pairwise(frames))
 
 
 def stream_sizes(

@@ -276,7 +276,7 @@ def star_table(frames: ImageAxes, scene: DeviceScene, star_lists: list[tuple[npt
         }
     )
     name = scene.stars.index.catalog.name
-    table.meta |= {"SCENE": frames.scenario.scene.name, "CATALOG": name, "BANDS": ",".join(frames.bands)}
+    table.meta |= {"CATALOG": name, "BANDS": ",".join(frames.bands)}
     table["time_s"].unit = "s"
     for name in ("x_px", "y_px", "dx_px", "dy_px"):
         table[name].unit = "pix"

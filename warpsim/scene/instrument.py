@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Protocol
@@ -102,6 +103,8 @@ class Instrument:
         self.frames = sensor.frames or scene.frames
         self.access_rules = sensor.access_rules or scene.access_rules
         self._turns: dict[int, tuple[SlewTurn, ...]] = {}
+        self.is_commanded = False
+        """Whether its pointing has been commanded from outside while frames were rendered."""
 
     def __repr__(self) -> str:
         return f"Instrument({self.sensor.name}: {len(self.names)} sensors)"
@@ -185,6 +188,15 @@ class Instrument:
         return make_program(
             sensor.pointing, sensors, sensor.camera, bodies.targets, bodies.group_names, bodies.body_names
         )
+
+    def commanded(self, program: PointingProgram, turns: Mapping[int, tuple[SlewTurn, ...]]) -> Instrument:
+        """Return the same sensors with another pointing program, and the slews of those whose steps it has changed."""
+        other = copy.copy(self)
+        other.__dict__.pop("access", None)  # it follows from the pointing
+        other.__dict__["program"] = program
+        other._turns = {**self._turns, **turns}
+        other.is_commanded = True
+        return other
 
     def check_frames(self, time_s: F64) -> None:
         """Check that the commanded pointing covers the times of frames; InputError where it does not."""

@@ -188,16 +188,26 @@ class _Maker:
 
     def _add(self, what: TrackPointing | FixedPointing | PointingStep, up: Up, roll_deg: float) -> int:
         """Add the law of one target or direction; its index."""
-        track = getattr(what, "track", None)
-        turn = image_turn(roll_deg, getattr(what, "offset_px", (0.0, 0.0)), self.camera)
-        if track is not None:
-            law = PointingLaw("track", up, turn, tracked_targets(track, self.targets, self.groups))
-        else:
-            ra_dec_deg = getattr(what, "ra_dec_deg", None)
-            direction = unit_vectors(*(ra_dec_deg or getattr(what, "azimuth_elevation_deg", None) or (0.0, 0.0)))
-            law = PointingLaw("fixed", up, turn, range(0), direction, ra_dec_deg is None)
-        self.laws.append(law)
+        self.laws.append(law_of(what, up, roll_deg, self.camera, self.targets, self.groups))
         return len(self.laws) - 1
+
+
+def law_of(
+    what: TrackPointing | FixedPointing | PointingStep,
+    up: Up,
+    roll_deg: float,
+    camera: Camera,
+    targets: Sequence[SceneTarget],
+    groups: Sequence[str],
+) -> PointingLaw:
+    """Return the law of one target or direction; InputError if the target is not there."""
+    track = getattr(what, "track", None)
+    turn = image_turn(roll_deg, getattr(what, "offset_px", (0.0, 0.0)), camera)
+    if track is not None:
+        return PointingLaw("track", up, turn, tracked_targets(track, targets, groups))
+    ra_dec_deg = getattr(what, "ra_dec_deg", None)
+    direction = unit_vectors(*(ra_dec_deg or getattr(what, "azimuth_elevation_deg", None) or (0.0, 0.0)))
+    return PointingLaw("fixed", up, turn, range(0), direction, ra_dec_deg is None)
 
 
 def tracked_targets(track: str, targets: Sequence[SceneTarget], groups: Sequence[str]) -> range:
@@ -220,28 +230,33 @@ def slew_turns(
 ) -> tuple[SlewTurn, ...]:
     """Return the turns with which a sensor's steps begin; none where its entry has no slew."""
     own = program.sensors[sensor]
-    turns = [NO_TURN] * len(own.steps)
-    if own.slew is None:
-        return tuple(turns)
-    if own.scan is not None:
+    if own.slew is not None and own.scan is not None:
         check_rate(own.scan, own.slew)
-        return tuple(turns)
+    return (
+        NO_TURN,
+        *(step_turn(program, sensor, number, satellite, tracks, duration_s) for number in range(1, len(own.steps))),
+    )
+
+
+def step_turn(
+    program: PointingProgram, sensor: int, number: int, satellite: int, tracks: Tracks, duration_s: float
+) -> SlewTurn:
+    """Return the turn with which a step of a sensor begins, but the first; InputError if it cannot be made in time."""
+    own = program.sensors[sensor]
+    before, step = own.steps[number - 1], own.steps[number]
+    if own.slew is None or not 0.0 <= step.start_s <= duration_s:
+        return NO_TURN
 
     def axes_of(law: int, time_s: F64) -> F64:
         at = satellite_state(tracks, satellite, time_s)
         return law_axes(program.laws[law], own.scan, tracks, at).axes
 
-    for number in range(1, len(own.steps)):
-        before, step = own.steps[number - 1], own.steps[number]
-        if not 0.0 <= step.start_s <= duration_s:
-            continue
-        is_last = number + 1 == len(own.steps)
-        end_s = math.inf if is_last else own.steps[number + 1].start_s
-        with errors_at(own.steps[number if is_last else number + 1].field):
-            turns[number] = turn_between(
-                partial(axes_of, before.law), partial(axes_of, step.law), own.slew, step.start_s, end_s, duration_s
-            )
-    return tuple(turns)
+    is_last = number + 1 == len(own.steps)
+    end_s = math.inf if is_last else own.steps[number + 1].start_s
+    with errors_at(own.steps[number if is_last else number + 1].field):
+        return turn_between(
+            partial(axes_of, before.law), partial(axes_of, step.law), own.slew, step.start_s, end_s, duration_s
+        )
 
 
 def commanded_axes(

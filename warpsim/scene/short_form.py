@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
-from warpsim.config.model import Location
+from warpsim.config.model import Location, nearest_field
 from warpsim.errors import InputError
 
 Item = TypeVar("Item")
@@ -91,7 +91,7 @@ def changed(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
         for parent in parents:
             part = _inner(part, parent, path)
             if not isinstance(part, dict | list):
-                raise InputError("is not a field of a part", path)
+                raise InputError(f"is not a field of a part{nearest_field(parent)}", path)
         if isinstance(part, list) and not leaf.isdigit() and len(part) == 1 and isinstance(part[0], dict):
             part = part[0]
         if isinstance(part, list):

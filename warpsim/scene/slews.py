@@ -120,7 +120,7 @@ def turn_between(
     duration_s = _shortest_s(angle, rate, acceleration)
     ramp = 0.5
     for _ in range(_MOST_ROUNDS):
-        if start_s + duration_s + slew.settle_s > end_s:
+        if start_s + (duration_s + slew.settle_s) > end_s:  # as a turn counts it
             break
         ramp = min(0.5, rate / acceleration / max(duration_s, _LEAST_S)) if duration_s > 0 else 0.5
         turn = SlewTurn(duration_s, max(ramp, 1e-6), slew.settle_s, (float(x), float(y), float(z)))
@@ -133,7 +133,7 @@ def turn_between(
         if slower <= 1.0 + 1e-3 or angle < 1e-9:
             return turn
         duration_s *= max(slower, 1.0) * _ROOM
-    if start_s + duration_s + slew.settle_s > end_s:
+    if start_s + (duration_s + slew.settle_s) > end_s:
         raise InputError(
             f"must leave time for the slew that begins at {start_s:g} s, which takes {duration_s:.3g} s or more, and "
             f"{slew.settle_s:g} s to settle",

@@ -1,0 +1,150 @@
+"""Writer of CCSDS tracking data messages, 503.0-B-2 in text notation: angles of detections, and where from."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.errors import InputError
+from warpsim.exchange.instants import FileInstants, parse_dates
+from warpsim.exchange.segments import EphemerisSegment
+from warpsim.exchange.write import ccsds_header, plain_text, write_lines, write_oem
+from warpsim.files import check_new_file
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+UNKNOWN = "UNKNOWN"
+"""Participant of detections that no target is known of."""
+
+_STATE = ("sensor_x_m", "sensor_y_m", "sensor_z_m", "sensor_vx_m_s", "sensor_vy_m_s", "sensor_vz_m_s")
+_NEEDED = ("date_obs", "sensor", "band", "ra_deg", "dec_deg", "irradiance_w_cm2", "target", *_STATE)
+_COMMENT = (
+    "Right ascension and declination of the geometric direction from the sensor when light came in,",
+    "ICRF axes, geocentric: aberration by the sensor's motion is taken out, light time is not.",
+)
+
+
+def write_tdm(
+    detections: Table,
+    path: str | os.PathLike[str],
+    zero_mag_w_cm2: Mapping[str, float] | None = None,
+    originator: str = "WARPSIM",
+    creation_date: str | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write detections as a CCSDS tracking data message (TDM 2.0), and the sensors' states as an OEM beside it.
+
+    One segment for each sensor, band and target (`ANGLE_TYPE = RADEC`, `REFERENCE_FRAME = ICRF`): PARTICIPANT_1 is the
+    sensor, PARTICIPANT_2 the target or UNKNOWN, EPHEMERIS_NAME_1 the OEM, of the same name with the suffix .oem. A
+    segment holds a keyword once at a time, so that of several unknown detections of an image each has a segment. The
+    standard has no keyword for errors: they stay in the table.
+
+    Args:
+        detections: As `detections` returns it.
+        path: The file; it appears whole or not at all.
+        zero_mag_w_cm2: In-band irradiance of magnitude 0 by band: MAG is then written for these [W/cm2].
+        originator: Who made it.
+        creation_date: UTC; now, where left out.
+        overwrite: Whether existing files are replaced.
+
+    Raises:
+        InputError: There are no detections, a column is missing, a number or a name cannot be written, or a file is
+            there or cannot be written.
+    """
+    target_path, oem_path = Path(path), Path(path).with_suffix(".oem")
+    if target_path == oem_path:
+        raise InputError("must not end in .oem, the suffix of the sensors' states").of(path)
+    for file in (target_path, oem_path):
+        check_new_file(file, None, overwrite)
+    columns = _checked(detections, path)
+    instants = parse_dates(columns["date_obs"].tolist(), "UTC")
+    zeros = _zeros(zero_mag_w_cm2)
+    lines = ccsds_header("TDM", originator, creation_date)
+    for rows in _segments(columns):
+        lines += _segment(columns, instants, rows, oem_path.name, zeros)
+    write_oem(oem_path, _states(columns, instants), originator, creation_date, overwrite)
+    write_lines(target_path, lines)
+
+
+def _checked(detections: Table, path: Any) -> dict[str, NDArray[Any]]:
+    """The columns that are written."""
+    missing = [name for name in _NEEDED if name not in getattr(detections, "colnames", ())]
+    if missing:
+        raise InputError(f"must be a table of detections, got none of {', '.join(missing)}", "detections")
+    if not len(detections):
+        raise InputError("must be one at least, got none", "detections").of(path)
+    columns = {name: np.asarray(detections[name]) for name in _NEEDED}
+    for name, values in columns.items():
+        if values.dtype.kind == "f" and not np.isfinite(values).all():
+            raise InputError("must be finite", f"detections.{name}", row=int(np.flatnonzero(~np.isfinite(values))[0]))
+    return columns
+
+
+def _zeros(zero_mag_w_cm2: Mapping[str, float] | None) -> dict[str, float]:
+    zeros = dict(zero_mag_w_cm2 or {})
+    for band, value in zeros.items():
+        if not (isinstance(value, int | float | np.number) and 0.0 < value < np.inf):
+            raise InputError("must be a number above 0", f"zero_mag_w_cm2.{band}", value)
+    return {band: float(value) for band, value in zeros.items()}
+
+
+def _segments(columns: dict[str, NDArray[Any]]) -> list[NDArray[np.int64]]:
+    """Rows of each segment in time order: of one sensor, band and target, one a time."""
+    date = columns["date_obs"]
+    order = np.argsort(date, kind="stable")
+    seen: dict[tuple[str, ...], int] = {}
+    segments: dict[tuple[Any, ...], list[int]] = {}
+    for row in order.tolist():
+        key = tuple(str(columns[name][row]) for name in ("sensor", "band", "target"))
+        number = seen[(*key, str(date[row]))] = seen.get((*key, str(date[row])), 0) + 1
+        segments.setdefault((*key, number), []).append(row)
+    return [np.array(segments[key]) for key in sorted(segments)]
+
+
+def _segment(
+    columns: dict[str, NDArray[Any]], instants: FileInstants, rows: NDArray[np.int64], oem: str, zeros: dict[str, float]
+) -> list[str]:
+    """Metadata and data of a segment."""
+    first = rows[0]
+    band, dates = str(columns["band"][first]), instants[rows].dates("UTC")
+    meta = {
+        "TIME_SYSTEM": "UTC",
+        "START_TIME": dates[0],
+        "STOP_TIME": dates[-1],
+        "PARTICIPANT_1": plain_text(str(columns["sensor"][first])),
+        "PARTICIPANT_2": plain_text(str(columns["target"][first]) or UNKNOWN),
+        "MODE": "SEQUENTIAL",
+        "PATH": "2,1",
+        "EPHEMERIS_NAME_1": plain_text(oem),
+        "RECEIVE_BAND": plain_text(band),
+        "TIMETAG_REF": "RECEIVE",
+        "ANGLE_TYPE": "RADEC",
+        "REFERENCE_FRAME": "ICRF",
+    }
+    lines = ["META_START", *(f"COMMENT {text}" for text in _COMMENT)]
+    lines += [*(f"{keyword} = {value}" for keyword, value in meta.items()), "META_STOP", "DATA_START"]
+    for row, date in zip(rows.tolist(), dates, strict=True):
+        lines.append(f"ANGLE_1 = {date} {columns['ra_deg'][row]:.12f}")
+        lines.append(f"ANGLE_2 = {date} {columns['dec_deg'][row]:.12f}")
+        light = float(columns["irradiance_w_cm2"][row])
+        if band in zeros and light > 0.0:
+            lines.append(f"MAG = {date} {-2.5 * np.log10(light / zeros[band]):.6f}")
+    return [*lines, "DATA_STOP", ""]
+
+
+def _states(columns: dict[str, NDArray[Any]], instants: FileInstants) -> list[EphemerisSegment]:
+    """States of each sensor at the times of its detections."""
+    state = np.stack([columns[name] for name in _STATE], axis=1).astype(np.float64)
+    segments = []
+    for sensor in np.unique(columns["sensor"]).tolist():
+        rows = np.flatnonzero(columns["sensor"] == sensor)
+        _, first = np.unique(columns["date_obs"][rows], return_index=True)
+        rows = rows[first]
+        segments.append(EphemerisSegment(sensor, "", "GCRF", instants[rows], state[rows, :3], state[rows, 3:]))
+    return segments
