@@ -179,6 +179,11 @@ def test_errors_are_those_that_were_drawn():
     bins = score.by("snr", [0.0, 10.0, 100.0])
     np.testing.assert_allclose(bins["rms_px"], np.sqrt(2) * np.array([0.2, 0.05]), rtol=np.sqrt(2) * DRAWN)
     assert list(bins["n_false"]) == [0, 0] and list(bins["low"]) == [0.0, 10.0]
+    found["x_sigma_px"][0] = np.inf  # says nothing, and is left out
+    assert (
+        abs(ws.evaluate.detections(found, truth_of(centre, snr=snr), radius_px=2.0).chi_square - score.chi_square)
+        < 0.01
+    )
     assert np.abs(score.bias_px).max() < 5 * 0.2 / np.sqrt(N_DRAW)
 
 
