@@ -166,6 +166,18 @@ def test_ground_truth_at_frames_is_that_of_the_scene(frames, truth):
         np.testing.assert_allclose(got[:, 1::2], expected[:, 1::2], rtol=0, atol=STATE_M_S)
 
 
+def test_rows_that_are_read_in_turn_have_times_of_their_own():
+    """States at frames are those of the scene all the same: rows of the array are up to 64 ms apart from it."""
+    scene = ws.Scene.load("stss").replace(sky__catalog="none", detector__line_time_s=1e-3)
+    truth = ws.Renderer(scene).truth([60], sensors=["sat27"], bands=["A"])
+    assert np.ptp(truth["row_time_s"]) > 0.01
+    ((_, paths),) = ws.stonesoup.ground_truth(truth)
+    for path in paths:
+        expected = states_at(scene.scenario, {"target": [path.id]}, np.array([600.0]))[0]
+        got = np.asarray(path[0].state_vector, dtype=float).ravel()
+        np.testing.assert_allclose(got[::2], expected[::2], rtol=0, atol=STATE_M)
+
+
 def test_ground_truth_at_emission_is_the_truths_own(truth):
     one = truth[(truth["target"] == truth["target"][0]) & (truth["band"] == "A")]
     count = 0
