@@ -266,6 +266,13 @@ def image_id(recipe: Recipe, key: ImageKey) -> int:
     return view * len(recipe.band_names) + key.band_number + 1
 
 
+def video_id(recipe: Recipe, image: int) -> int:
+    """Return the number of the video of an image: of its sequence, sensor and band; from 1."""
+    view, band = divmod(image - 1, len(recipe.band_names))
+    sequence, sensor = view // recipe.n_sensor // recipe.n_frame, view % recipe.n_sensor
+    return (sequence * recipe.n_sensor + sensor) * len(recipe.band_names) + band + 1
+
+
 def top_names(recipe: Recipe) -> list[str]:
     """Names of the top-level entries of a data set."""
     return [*recipe.ratios, ANNOTATIONS, SEQUENCES, MANIFEST]

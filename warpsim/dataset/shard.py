@@ -26,6 +26,7 @@ from warpsim.dataset.layout import (
     input_files,
     stamp_of,
     table_path,
+    video_id,
 )
 from warpsim.dataset.recipe import SHARDED, Recipe
 from warpsim.dataset.writers import bytes_per_view, planes_of, shard_writer
@@ -65,7 +66,7 @@ class _ShardTables:
         """Add the rows of a render call; return them by table."""
         keys = image_keys(self._recipe, sequence, position, frames)
         ids = np.array([image_id(self._recipe, key) for key in keys], dtype=np.int64)
-        truth = label_table(frames, least_nei=self._recipe.least_nei, with_masks=self._recipe.masks)
+        truth = label_table(frames, self._recipe.least_nei, self._recipe.masks, self._recipe.least_box_px)
         n_target = len(sequence.scenario.targets)
         _put_keys_first(truth, np.repeat(ids, n_target), sequence.number)
         rows = {"images": self._images(sequence, frames, keys, ids), "truth": truth}
@@ -142,8 +143,8 @@ Columns = dict[str, npt.NDArray[Any]]
 
 _FACTS = {
     "id": "image_id", "file_name": "file", "item": "item", "width": "width", "height": "height",
-    "sequence": "sequence", "frame": "frame", "time_s": "time_s", "date_obs": "date_obs", "sensor": "sensor",
-    "band": "band",
+    "sequence": "sequence", "frame": "frame", "frame_id": "frame", "time_s": "time_s", "date_obs": "date_obs",
+    "sensor": "sensor", "band": "band",
 }  # fmt: skip
 """What COCO's file says of an image, and the columns of the table of images that know it."""
 
@@ -155,12 +156,12 @@ def keep_texts(recipe: Recipe, folder: Path, shard: Shard) -> str:
     return sha256_of(path)
 
 
-def shard_texts(recipe: Recipe, folder: Path, shard: Shard, checksum: str | None) -> tuple[str, str]:
-    """Return the COCO texts of a shard's images and annotations; made again unless stored whole."""
+def shard_texts(recipe: Recipe, folder: Path, shard: Shard, checksum: str | None) -> tuple[str, str, str]:
+    """Return the COCO texts of a shard's images, annotations and videos; made again unless stored whole."""
     path = _texts_path(folder, shard)
     if path.is_file() and sha256_of(path) == checksum:
-        images, annotations = read_json(path)
-        return images, annotations
+        images, annotations, videos = read_json(path)
+        return images, annotations, videos
     return _texts(recipe, folder, shard)
 
 
@@ -168,11 +169,10 @@ def _texts_path(folder: Path, shard: Shard) -> Path:
     return folder / PARTS / COCO / f"{shard.name}.json"
 
 
-def _texts(recipe: Recipe, folder: Path, shard: Shard) -> tuple[str, str]:
-    images, annotations = zip(
-        *coco_texts(_images(recipe, folder, shard), coco_categories(recipe.scenario)), strict=True
-    )
-    return BETWEEN.join(images), BETWEEN.join(filter(None, annotations))
+def _texts(recipe: Recipe, folder: Path, shard: Shard) -> tuple[str, str, str]:
+    texts = zip(*coco_texts(_images(recipe, folder, shard), coco_categories(recipe.scenario)), strict=True)
+    images, annotations, videos = (BETWEEN.join(filter(None, items)) for items in texts)
+    return images, annotations, videos
 
 
 def _images(recipe: Recipe, folder: Path, shard: Shard) -> Iterator[tuple[dict[str, Any], Columns]]:
@@ -185,6 +185,7 @@ def _images(recipe: Recipe, folder: Path, shard: Shard) -> Iterator[tuple[dict[s
         ends = np.searchsorted(truth["image_id"], images["image_id"], side="right")
         firsts = np.searchsorted(truth["image_id"], images["image_id"])
         facts = {ours: images[name].tolist() for ours, name in _FACTS.items()}
+        facts["video_id"] = [video_id(recipe, number) for number in facts["id"]]
         for first, end, *values in zip(firsts, ends, *facts.values(), strict=True):
             yield dict(zip(facts, values, strict=True)), {name: column[first:end] for name, column in truth.items()}
 
