@@ -125,6 +125,8 @@ from warpsim.exchange.write import write_stk_attitude as write_stk_attitude
 from warpsim.dataset.write_dataset import write_dataset as write_dataset
 from warpsim.dataset.recipe import Recipe as Recipe
 from warpsim.dataset.write_dataset import DatasetReport as DatasetReport
+from warpsim.dataset.export import export_dataset as export_dataset
+from warpsim.dataset.export import ExportReport as ExportReport
 
 # plot
 from warpsim.errors import InputError as InputError

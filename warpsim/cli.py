@@ -1,4 +1,4 @@
-"""Command line: warpsim render | access | check | plot | czml | catalog | dataset | bench."""
+"""Command line: warpsim render | access | check | plot | czml | catalog | dataset | export | bench."""
 
 from __future__ import annotations
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from warpsim.dataset.layout import (
     COCO,
@@ -28,12 +27,13 @@ from warpsim.dataset.layout import (
     table_path,
     video_id,
 )
+from warpsim.dataset.read_dataset import Columns, image_rows
 from warpsim.dataset.recipe import SHARDED, Recipe
 from warpsim.dataset.writers import bytes_per_view, planes_of, shard_writer
 from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of, write_json
 from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts, satnet_record
-from warpsim.labels.table import label_table, read_parquet, write_parquet
+from warpsim.labels.table import label_table, write_parquet
 from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.output.dates import utc_dates
 from warpsim.output.joined_tables import joined_tables
@@ -139,8 +139,6 @@ def _put_keys_first(table: Table, image_ids: Any, sequence: int) -> None:
     table.add_column(np.full(len(table), sequence, dtype=np.int64), index=1, name="sequence")
 
 
-Columns = dict[str, npt.NDArray[Any]]
-
 _FACTS = {
     "id": "image_id", "file_name": "file", "item": "item", "width": "width", "height": "height",
     "sequence": "sequence", "frame": "frame", "frame_id": "frame", "time_s": "time_s", "date_obs": "date_obs",
@@ -178,21 +176,10 @@ def _texts(recipe: Recipe, folder: Path, shard: Shard) -> tuple[str, str, str]:
 def _images(recipe: Recipe, folder: Path, shard: Shard) -> Iterator[tuple[dict[str, Any], Columns]]:
     """Each image of a shard, and the columns of its targets."""
     for number in shard.sequences[:1] if recipe.format in SHARDED else shard.sequences:
-        images = _columns(folder / table_path(recipe, shard, number, "images"))
-        truth = _columns(folder / table_path(recipe, shard, number, "truth"))
-        order = np.argsort(truth["image_id"], kind="stable")
-        truth = {name: column[order] for name, column in truth.items()}
-        ends = np.searchsorted(truth["image_id"], images["image_id"], side="right")
-        firsts = np.searchsorted(truth["image_id"], images["image_id"])
-        facts = {ours: images[name].tolist() for ours, name in _FACTS.items()}
-        facts["video_id"] = [video_id(recipe, number) for number in facts["id"]]
-        for first, end, *values in zip(firsts, ends, *facts.values(), strict=True):
-            yield dict(zip(facts, values, strict=True)), {name: column[first:end] for name, column in truth.items()}
-
-
-def _columns(path: Path) -> Columns:
-    table = read_parquet(path)
-    return {name: np.asarray(table[name]) for name in table.colnames}
+        tables = [folder / table_path(recipe, shard, number, name) for name in ("images", "truth")]
+        for row, labels in image_rows(*tables):
+            facts = {ours: row[name] for ours, name in _FACTS.items()}
+            yield facts | {"video_id": video_id(recipe, row["image_id"])}, labels
 
 
 def write_satnet(frames: FrameSet, rows: dict[str, Table], folder: Path) -> None:

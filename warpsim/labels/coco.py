@@ -75,7 +75,8 @@ def coco_categories(scene: Scene | Scenario) -> list[dict[str, Any]]:
     Args:
         scene: The scene, or its scenario.
     """
-    specs = [spec for group in scenario_of(scene).scene.groups for spec in group.targets]
+    described = scene if isinstance(scene, Scene) else scenario_of(scene).scene  # files of flights are not read
+    specs = [spec for group in described.groups for spec in group.targets]
     kinds = {spec.class_name: spec.shape.kind for spec in reversed(specs)}
     names = dict.fromkeys(spec.class_name for spec in specs)
     return [
