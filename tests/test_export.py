@@ -49,7 +49,7 @@ class Sets:
         folder = self.top / "-".join(map(str, (name, layout, *options.values())))
         if not folder.exists():
             given = {"channels": LAYOUTS[layout]} | options
-            self.report = ws.export_dataset(self.data(name), folder, layout, **given)
+            ws.export_dataset(self.data(name), folder, layout, **given)
         return folder
 
     def coco(self, split, name="fits"):
@@ -78,7 +78,9 @@ class Sets:
 
 @pytest.fixture(scope="module")
 def sets(tmp_path_factory):
-    return Sets(tmp_path_factory.mktemp("exports"))
+    made = Sets(tmp_path_factory.mktemp("exports"))
+    made.data()
+    return made
 
 
 def files_of(folder):
@@ -334,6 +336,7 @@ def test_datasets_loads_the_folder_and_its_card(sets, tmp_path, monkeypatch):
 # --- older data sets, and what goes wrong ----------------------------------------------------------------------------
 
 
+@pytest.mark.ci
 def test_boxes_of_older_data_sets_are_widened(tmp_path):
     scene = ws.Scene.load("stss").replace(**SCENE)
     recipe = ws.Recipe(scene=scene, sample=SAMPLE, split={"all": 1}, least_box_px=1e-3, **GIVEN)

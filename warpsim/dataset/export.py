@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from warpsim.arguments import chosen_names
-from warpsim.dataset.pictures import CHANNELS, N_CHANNEL, ToneMap, pictures_of
+from warpsim.dataset.pictures import CHANNELS, N_CHANNEL, Picture, ToneMap, pictures_of
 from warpsim.dataset.read_dataset import DatasetReader
 from warpsim.dataset.trainer_layouts import LAYOUTS
 from warpsim.errors import InputError
@@ -85,45 +86,53 @@ def export_dataset(
         OSError: An image cannot be read, or writing failed; nothing is left behind.
     """
     begin = time.perf_counter()
-    reader, folder = DatasetReader(Path(dataset)), Path(folder).absolute()
+    reader, folder, tone_map = DatasetReader(Path(dataset)), Path(folder).absolute(), ToneMap(knee_nei, top_nei)
+    facts = _facts(reader, format, channels, bands) | {"least_snr": least_snr, "tone_map": tone_map.facts}
+    splits = chosen_names("splits", splits, list(reader.splits))
+    with whole_folder(folder) as home:
+        layout = LAYOUTS[format](home, facts)
+        found = np.zeros(4, dtype=np.int64)
+        with progress_bar(sum(len(reader.splits[split]) for split in splits), progress) as advance:
+            for picture in _pictures(reader, splits, facts["bands"], channels or "", advance):
+                labels = [label for label in picture.labels if label.snr >= least_snr]
+                ignored = [label for label in picture.labels if label.snr < least_snr]
+                layout.add(picture, picture.grey(reader, tone_map), labels, ignored)
+                found += np.array([1, len(labels), picture.n_hidden, len(ignored)])
+        if not found[0]:
+            raise InputError(f"has no images in bands {', '.join(facts['bands'])} of {', '.join(splits)}").of(dataset)
+        layout.finish()
+        n_image, n_label, n_hidden, n_faint = found.tolist()
+        counts = {"splits": dict(layout.n_picture), "labels": n_label, "hidden": n_hidden, "faint": n_faint}
+        write_json(facts | counts, home / FACTS)
+    return ExportReport(folder, format, n_image, n_label, n_hidden, n_faint, time.perf_counter() - begin)
+
+
+def _facts(reader: DatasetReader, format: str, channels: str | None, bands: Sequence[str] | None) -> dict[str, Any]:
+    """What is to be said of an export; InputError where it asks for what cannot be."""
     if format not in LAYOUTS:
         raise InputError(f"must be one of {', '.join(LAYOUTS)}", "format", format)
     if channels is not None and channels not in CHANNELS:
         raise InputError(f"must be one of {', '.join(CHANNELS)}", "channels", channels)
-    bands = chosen_names("bands", bands, reader.band_names)
-    if channels == "bands" and len(bands) > N_CHANNEL:
-        raise InputError(f"must name at most {N_CHANNEL} for channels", "bands", ", ".join(bands), "s")
-    numbers = {split: reader.splits[split] for split in chosen_names("splits", splits, list(reader.splits))}
-    tone_map = ToneMap(knee_nei, top_nei)
-    facts = {
+    chosen = chosen_names("bands", bands, reader.band_names)
+    if channels == "bands" and len(chosen) > N_CHANNEL:
+        raise InputError(f"must name at most {N_CHANNEL} for channels", "bands", ", ".join(chosen), "s")
+    return {
         "format": format,
         "title": reader.title,
         "dataset": {"name": reader.folder.absolute().name, "key": reader.key},
         "warpsim": __version__,
         "channels": channels,
         "n_channel": N_CHANNEL if channels else 1,
-        "bands": bands,
+        "bands": chosen,
         "classes": reader.class_names,
         "interval_s": reader.interval_s,
-        "least_snr": least_snr,
-        "tone_map": tone_map.facts,
     }
-    found = np.zeros(4, dtype=np.int64)
-    n_sequence = sum(map(len, numbers.values()))
-    with whole_folder(folder) as home, progress_bar(n_sequence, progress) as advance:
-        layout = LAYOUTS[format](home, facts)
-        for split in numbers:
-            for images in reader.sequences(split) if numbers[split] else ():
-                for picture in pictures_of(reader, split, images, bands, channels or ""):
-                    labels = [label for label in picture.labels if label.snr >= least_snr]
-                    ignored = [label for label in picture.labels if label.snr < least_snr]
-                    layout.add(picture, picture.grey(reader, tone_map), labels, ignored)
-                    found += np.array([1, len(labels), picture.n_hidden, len(ignored)])
-                advance(1)
-        if not found[0]:
-            raise InputError(f"has no images in bands {', '.join(bands)} and splits {', '.join(numbers)}").of(dataset)
-        layout.finish()
-        n_image, n_label, n_hidden, n_faint = found.tolist()
-        counts = {"splits": dict(layout.n_picture), "labels": n_label, "hidden": n_hidden, "faint": n_faint}
-        write_json(facts | counts, home / FACTS)
-    return ExportReport(folder, format, n_image, n_label, n_hidden, n_faint, time.perf_counter() - begin)
+
+
+def _pictures(
+    reader: DatasetReader, splits: list[str], bands: list[str], channels: str, advance: Callable[[int], None]
+) -> Iterator[Picture]:
+    for split in splits:
+        for images in reader.sequences(split):
+            yield from pictures_of(reader, split, images, bands, channels)
+            advance(1)

@@ -147,8 +147,10 @@ def _labels(reader: DatasetReader, images: list[tuple[dict[str, Any], Columns]])
     corners = np.stack([[columns[name] for name in BOX_COLUMNS] for _, columns in images])  # band, part, target
     left_top = np.where(seen[:, None], corners[:, :2], np.inf).min(axis=0)
     right_bottom = np.where(seen[:, None], corners[:, :2] + corners[:, 2:], -np.inf).max(axis=0)
-    snr = np.stack([columns["snr_peak"] / columns.get("noise_nei", 1.0) for _, columns in images]).max(axis=0)
-    blend = np.stack([columns.get("blend_fraction", np.zeros(seen.shape[1])) for _, columns in images]).min(axis=0)
+    snr = np.stack([columns["snr_peak"] / columns.get("noise_nei", 1.0) for _, columns in images])
+    snr = np.nan_to_num(np.where(seen, snr, 0.0)).max(axis=0)  # nothing is known of some that are off the array
+    blend = np.stack([columns.get("blend_fraction", np.zeros(seen.shape[1])) for _, columns in images])
+    blend = np.nan_to_num(np.where(seen, blend, 1.0)).min(axis=0)
     (shown,) = np.nonzero(seen.any(axis=0))
     size_px = np.array([row["width"], row["height"]])
     boxes_px = cut_box(left_top.T[shown], right_bottom.T[shown], size_px, least_px)

@@ -58,7 +58,7 @@ class _Folder:
             file.writelines(f"{line}\n" for line in lines)
 
 
-class Yolo(_Folder):
+class _Yolo(_Folder):
     """images/SPLIT/*.png, labels/SPLIT/*.txt with `class cx cy w h` in parts of the image's size, and data.yaml."""
 
     def add(self, picture: Picture, grey: Grey, labels: list[Label], ignored: list[Label]) -> None:
@@ -88,7 +88,7 @@ class Yolo(_Folder):
         self._append("data.yaml", lines)
 
 
-class MotChallenge(_Folder):
+class _MotChallenge(_Folder):
     """warpsim-SPLIT/VIDEO with img1/000001.png, gt/gt.txt, gt/targets.csv and seqinfo.ini, and seqmaps."""
 
     def add(self, picture: Picture, grey: Grey, labels: list[Label], ignored: list[Label]) -> None:
@@ -132,7 +132,7 @@ class MotChallenge(_Folder):
         """Do nothing: every file is whole."""
 
 
-class HuggingFace(_Folder):
+class _HuggingFace(_Folder):
     """SPLIT/*.png with SPLIT/metadata.jsonl, and a dataset card."""
 
     def add(self, picture: Picture, grey: Grey, labels: list[Label], ignored: list[Label]) -> None:
@@ -197,6 +197,6 @@ class HuggingFace(_Folder):
         self._append("README.md", lines)
 
 
-Layout = Yolo | MotChallenge | HuggingFace
+Layout = _Yolo | _MotChallenge | _HuggingFace
 
-LAYOUTS: dict[str, type[Layout]] = {"yolo": Yolo, "mot": MotChallenge, "huggingface": HuggingFace}
+LAYOUTS: dict[str, type[Layout]] = {"yolo": _Yolo, "mot": _MotChallenge, "huggingface": _HuggingFace}

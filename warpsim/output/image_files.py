@@ -31,6 +31,9 @@ _SETTINGS: dict[str, dict[str, str | int]] = {
 }
 """Ways of compressing that take a quarter to half of the time of the usual ones, and up to 13 % more space."""
 
+_UNFILTERED = {"png:filter": 8}
+"""Of 8-bit noise: differences of neighbours take more space than the pixels, and twice the time."""
+
 
 def write_counts(path: str | Path, counts: npt.NDArray[np.uint16], meta: dict[str, Any]) -> None:
     """Write counts as a 16-bit grey image: the file's numbers are the counts.
@@ -161,7 +164,8 @@ def _write_channels(path: Path, pixels: npt.NDArray[Any], plugin: str, meta: dic
     spec = oiio.ImageSpec(n_col, n_row, n_channel, kinds[str(pixels.dtype)])
     spec.attribute("ImageDescription", json.dumps(meta, default=plain_number))
     spec.attribute("DateTime", "")  # else it is that of writing
-    for name, value in _SETTINGS[plugin].items():
+    settings = _SETTINGS[plugin] | (_UNFILTERED if pixels.dtype == np.uint8 else {})
+    for name, value in settings.items():
         spec.attribute(name, value)
     with whole_file_by_memory(path) as name:
         oiio.geterror()  # of calls before
