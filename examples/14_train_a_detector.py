@@ -7,15 +7,15 @@ for each (the Earth is on, but access keeps the views 250 km above its limb); ex
 frames as channels, and reads only that export: 8-bit images, whose stated tone map leads back to NEI, and boxes. The
 threshold takes local maxima of the last frame; the matched filter the same, smoothed by the point spread function. The
 network takes the 7 x 7 pixels about each local maximum of 2.5 sigma, in one frame or in three, through 24 hidden units
-to a probability. All are scored on the split `test`: a detection within 1.5 px of a box's centre, each box once, with as
-many false alarms an image as the threshold has at 5 sigma.
+to a probability. All are scored on the split `test`: a detection within 1.5 px of a box's centre, each box once, with
+as many false alarms an image as the threshold has at 5 sigma.
 
-Measured, mean of seeds 1 to 4, at the 8 to 11 false alarms an image of five sigma; in brackets at one:
+Measured, mean of seeds 1 to 5, at the 8 to 12 false alarms an image of five sigma; in brackets at one:
 
-    threshold              recall 0.59, precision 0.62 (recall 0.00)
-    matched filter         recall 0.67, precision 0.65 (recall 0.01)
-    network, one frame     recall 0.78, precision 0.68 (recall 0.36)
-    network, three frames  recall 0.80, precision 0.69 (recall 0.56)
+    threshold              recall 0.60, precision 0.62 (recall 0.00)
+    matched filter         recall 0.68, precision 0.65 (recall 0.01)
+    network, one frame     recall 0.79, precision 0.68 (recall 0.34)
+    network, three frames  recall 0.81, precision 0.68 (recall 0.55)
 
 The network beats the threshold with every seed. With --quick: few sequences, one seed.
 """
