@@ -14,6 +14,7 @@ import argparse
 import itertools
 import json
 import os
+import platform
 import statistics
 import tempfile
 import time
@@ -86,7 +87,7 @@ def main() -> None:
     found: dict[str, Any] = {
         "command": "python -m benchmarks.dataset_cost",
         "n_cpu": os.cpu_count(),
-        "cpu": next((line.split(":")[1].strip() for line in open("/proc/cpuinfo") if "model name" in line), ""),
+        "cpu": platform.processor() or platform.machine(),
         "by_what_is_drawn": {name: costs(given) for name, given in CASES.items()},
     }
     text = json.dumps(found, indent=1) + "\n"
