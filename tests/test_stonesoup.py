@@ -212,6 +212,23 @@ def test_stone_soups_reader_reads_the_same_from_a_csv_file(truth, tmp_path):
     assert delay_m.min() / 2 < min(late.values()) and max(late.values()) < 2 * delay_m.max()
 
 
+def test_stone_soups_reader_reads_detections_from_a_parquet_file(frames, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    from stonesoup.reader.pandas_reader import DataFrameDetectionReader
+
+    found = ws.detections(frames, method="truth")
+    ws.labels.write_parquet(found, tmp_path / "found.parquet")
+    rows = pandas.read_parquet(tmp_path / "found.parquet")
+    reader = DataFrameDetectionReader(dataframe=rows, state_vector_fields=["dec_deg", "ra_deg"], time_field="date_obs")
+    for (when, theirs), (same, ours) in zip(reader, ws.stonesoup.detections(found), strict=True):
+        assert when == same and len(theirs) == len(ours)
+        degrees = sorted(tuple(np.asarray(one.state_vector, dtype=float).ravel()) for one in theirs)
+        radians = sorted(tuple(np.asarray(one.state_vector, dtype=float).ravel()) for one in ours)
+        np.testing.assert_allclose(np.sin(np.radians(degrees)), np.sin(radians), atol=1e-14)
+        assert {one.metadata["target"] for one in theirs} == {one.metadata["target"] for one in ours}
+
+
 def test_truth_scores_perfect_tracks(frames, truth):
     fields = {"track": "target", "date_obs": "date_obs"}
     one = truth[(truth["sensor"] == "sat11") & (truth["band"] == "A")]
