@@ -668,7 +668,7 @@ def test_another_run_does_not_replace_frames_that_are_complete_unless_told(scene
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"formats": ["jpg"]}, r"formats: must be among fits, tiff, png, exr, zarr, got 'jpg'"),
+        ({"formats": ["jpg"]}, r"formats: must be among fits, fits-frames, tiff, png, exr, zarr, got 'jpg'"),
         ({"formats": []}, "formats: must name at least one"),
         ({"formats": None}, "formats: must name at least one"),
         ({"preview": "avi"}, "preview: must be gif or mp4, got 'avi'"),
