@@ -298,6 +298,28 @@ def test_what_is_no_target_is_a_star():
     assert len(others) > 20
 
 
+def test_light_within_one_pixel_is_detected_in_it():
+    """A blur of a thousandth of a pixel: nothing is known of the position but the pixel."""
+    frames = ws.Renderer(small_scene(psf=("gaussian", 1e-3))).render(range(100, 110), sensors=["sat11", "sat27"])
+    for method in ("truth", "matched_filter"):
+        table = ws.detections(frames, method=method)
+        named = table[table["target"] == "center"]
+        assert len(named) > 10
+        there = truth_of(frames, named)
+        np.testing.assert_allclose(named["x_sigma_px"], 12**-0.5)
+        off = (named["irradiance_w_cm2"] - there["irradiance_w_cm2"]) / named["irradiance_sigma_w_cm2"]
+        assert np.abs(off).max() < GATE_SIGMA
+        if method == "matched_filter":
+            assert (np.round(named["x_px"]) == np.round(there["x_px"])).all()
+
+
+def test_nothing_is_found_where_all_is_full():
+    image = ws.Renderer(small_scene(background__earth=True)).render([100], sensors=["sat27"])
+    assert len(ws.detections(image)) == 0
+    (row,) = ws.photometry(image, "center")
+    assert np.isnan(row["irradiance_w_cm2"]) and row["blended"] and row["full_px"] > 0
+
+
 # ------------------------------------------------------------------------------------------------------- bad input
 
 
