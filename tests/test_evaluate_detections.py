@@ -179,6 +179,11 @@ def test_errors_are_those_that_were_drawn():
     bins = score.by("snr", [0.0, 10.0, 100.0])
     np.testing.assert_allclose(bins["rms_px"], np.sqrt(2) * np.array([0.2, 0.05]), rtol=np.sqrt(2) * DRAWN)
     assert list(bins["n_false"]) == [0, 0] and list(bins["low"]) == [0.0, 10.0]
+    found["x_sigma_px"][0] = np.inf  # says nothing, and is left out
+    assert (
+        abs(ws.evaluate.detections(found, truth_of(centre, snr=snr), radius_px=2.0).chi_square - score.chi_square)
+        < 0.01
+    )
     assert np.abs(score.bias_px).max() < 5 * 0.2 / np.sqrt(N_DRAW)
 
 
@@ -212,6 +217,25 @@ def test_truth_of_images_finds_itself():
     score = ws.evaluate.detections(lit, truth)
     assert score.precision == score.recall == 1.0 and score.rms_px == 0.0 and score.n_image == 16
     assert sum(score.by("sensor")["n_truth"]) == len(lit)
+
+
+@pytest.mark.ci
+def test_detections_drawn_from_truth_score_as_they_were_drawn():
+    renderer = ws.Renderer(ws.Scene.load("stss"))
+    what = {"sensors": ["sat11", "sat27", "sat21"], "bands": ["A"]}
+    truth = renderer.truth(range(60, 66), **what)
+    every = ws.evaluate.detections(
+        ws.detections(renderer, range(60, 66), probability=1.0, **what), truth, radius_px=1.5
+    )
+    assert every.precision == every.recall == 1.0 and every.recall_resolved < 0.6  # the rest merge
+    n_alone = int((every.truth["alone"] & (every.truth["outcome"] == "found")).sum())
+    assert abs(every.chi_square - 1.0) < 5.0 / np.sqrt(n_alone)
+    assert every.by("resolvable")["n_merged"][1] == 0
+    some = ws.detections(renderer, range(60, 66), probability=0.7, clutter_per_image=3.0, **what)
+    score = ws.evaluate.detections(some, truth, radius_px=1.5)
+    n_found = len(every.found)
+    assert abs((score.found["outcome"] == "target").sum() / n_found - 0.7) < 5 * np.sqrt(0.7 * 0.3 / n_found)
+    assert abs(score.false_alarms_per_image - 3.0) < 5 * np.sqrt(3.0 / score.n_image)
 
 
 @pytest.mark.parametrize(

@@ -166,6 +166,18 @@ def test_ground_truth_at_frames_is_that_of_the_scene(frames, truth):
         np.testing.assert_allclose(got[:, 1::2], expected[:, 1::2], rtol=0, atol=STATE_M_S)
 
 
+def test_rows_that_are_read_in_turn_have_times_of_their_own():
+    """States at frames are those of the scene all the same: rows of the array are up to 64 ms apart from it."""
+    scene = ws.Scene.load("stss").replace(sky__catalog="none", detector__line_time_s=1e-3)
+    truth = ws.Renderer(scene).truth([60], sensors=["sat27"], bands=["A"])
+    assert np.ptp(truth["row_time_s"]) > 0.01
+    ((_, paths),) = ws.stonesoup.ground_truth(truth)
+    for path in paths:
+        expected = states_at(scene.scenario, {"target": [path.id]}, np.array([600.0]))[0]
+        got = np.asarray(path[0].state_vector, dtype=float).ravel()
+        np.testing.assert_allclose(got[::2], expected[::2], rtol=0, atol=STATE_M)
+
+
 def test_ground_truth_at_emission_is_the_truths_own(truth):
     one = truth[(truth["target"] == truth["target"][0]) & (truth["band"] == "A")]
     count = 0
@@ -198,6 +210,23 @@ def test_stone_soups_reader_reads_the_same_from_a_csv_file(truth, tmp_path):
             late[path.id, when] = np.linalg.norm(off[::2])
     delay_m = 7000.0 * np.asarray(one["range_km"]) * 1e3 / C_M_S
     assert delay_m.min() / 2 < min(late.values()) and max(late.values()) < 2 * delay_m.max()
+
+
+def test_stone_soups_reader_reads_detections_from_a_parquet_file(frames, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    from stonesoup.reader.pandas_reader import DataFrameDetectionReader
+
+    found = ws.detections(frames, method="truth")
+    ws.labels.write_parquet(found, tmp_path / "found.parquet")
+    rows = pandas.read_parquet(tmp_path / "found.parquet")
+    reader = DataFrameDetectionReader(dataframe=rows, state_vector_fields=["dec_deg", "ra_deg"], time_field="date_obs")
+    for (when, theirs), (same, ours) in zip(reader, ws.stonesoup.detections(found), strict=True):
+        assert when == same and len(theirs) == len(ours)
+        degrees = sorted(tuple(np.asarray(one.state_vector, dtype=float).ravel()) for one in theirs)
+        radians = sorted(tuple(np.asarray(one.state_vector, dtype=float).ravel()) for one in ours)
+        np.testing.assert_allclose(np.sin(np.radians(degrees)), np.sin(radians), atol=1e-14)
+        assert {one.metadata["target"] for one in theirs} == {one.metadata["target"] for one in ours}
 
 
 def test_truth_scores_perfect_tracks(frames, truth):

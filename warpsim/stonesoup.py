@@ -52,7 +52,8 @@ def detections(
             dec_sigma_deg, ra_dec_corr, sensor_x_m, sensor_y_m, sensor_z_m. Metadata of a detection are frame, sensor,
             band, snr, irradiance_w_cm2, target and clump_id, where there are such columns.
         scan: What one step of the reader holds: all detections of a time, those of one sensor, or of one image. For
-            associators that give a track one detection of each scan, a scan must not see a target twice.
+            associators that give a track one detection of each scan, a scan must not see a target twice. Rows of an
+            image that are read one after the other (`line_time_s`) have times, and so scans, of their own.
         mapping: Rows of the position in the tracker's state vector.
         velocity_mapping: Rows of the velocity; None where the light time is not to be modelled.
         ndim_state: Length of the state vector.
@@ -90,7 +91,7 @@ def detections(
 
 
 def ground_truth(truth: Any, at: Literal["frame", "emission"] = "frame") -> GroundTruthReader:
-    """Make a reader of ground truth: times, and sets of the `GroundTruthPath`s with a new state then.
+    """Make a reader of ground truth: times, and sets of each `GroundTruthPath` with a new state.
 
     Truth says where targets were when their light left. States at the time of the frame, when the light came in, are
     free fall onwards from there, micrometres off after milliseconds; they are what tracks of `detections` are compared

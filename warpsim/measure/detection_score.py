@@ -166,6 +166,7 @@ class DetectionScore:
         row |= _rates(n_truth, n_found, n_merged)
         used = (outcome == "found") & np.asarray(truth["alone"])
         x, y, chi = (np.asarray(truth[name])[used] for name in ("error_x_px", "error_y_px", "chi_square"))
+        chi = chi[np.isfinite(chi)]
         square, *rest = (float(part.mean()) if len(part) else np.nan for part in (x**2 + y**2, x, y, chi))
         row |= {"rms_px": square**0.5, **dict(zip(("bias_x_px", "bias_y_px", "chi_square"), rest, strict=True))}
         if of_found is not None:
@@ -241,7 +242,9 @@ def _truth_table(truth: Any, found: Any, xy_px: F64, matches: Matches, outcome: 
     table["error_x_px"], table["error_y_px"] = error.T
     square = np.full(len(counts), np.nan)
     if has_column(found, "x_sigma_px") and has_column(found, "y_sigma_px"):
-        sigma = numbers(found, ("x_sigma_px", "y_sigma_px"), "found")
+        names = ("x_sigma_px", "y_sigma_px")
+        sigma = np.stack([column(found, name, "found").astype(np.float64) for name in names], axis=1)
+        sigma[~((sigma > 0.0) & (sigma < np.inf))] = np.nan  # a position that light does not give has no error
         square[is_found] = ((error[is_found] / sigma[outcome.found[is_found]]) ** 2).mean(axis=1)
     table["chi_square"] = square
     return table

@@ -75,10 +75,10 @@ def tracks(
     nearest within cutoff_m, n_confirm times in a row; n_end times farther away end it.
 
     Args:
-        found: A set of Stone Soup's `Track`s, or a table: track (its name), date_obs (UTC), x_m, y_m, z_m, and where
-            known vx_m_s, vy_m_s, vz_m_s, geocentric in GCRS axes.
+        found: A set of Stone Soup's `Track` objects, or a table: track (its name), date_obs (UTC), x_m, y_m, z_m, and
+            where known vx_m_s, vy_m_s, vz_m_s, geocentric in GCRS axes.
         truth: `FrameSet.truth`, or a table like it, of the targets that are to be tracked; or a set of
-            `GroundTruthPath`s. States are those at the time of the frame.
+            `GroundTruthPath` objects. States are those at the time of the frame.
         cutoff_m: Distance from which on a track is none of a target's, the cost of a missed or false one [m].
         order: Exponent p of OSPA and GOSPA, at least 1.
         switching_m: GOSPA's penalty for each change of the track of a target [m].
