@@ -123,6 +123,7 @@ def test_an_image_has_the_same_detections_in_any_company(frames):
             assert (np.asarray(table[name]) == np.asarray(mine[name])).all(), name
     other = ws.detections(frames, [110], "sat27", "C", method="truth", clutter_per_image=1.5, seed=4)
     assert not set(other["x_px"]) & set(alone["x_px"])
+    assert (other.meta["SEED"], other.meta["DRAW_SEED"], other.meta["METHOD"]) == (frames.scene.seed, 4, "truth")
     scene = ws.detections(frames.scenario, [110], "sat27", "C", **options)
     assert (scene["x_px"] == alone["x_px"]).all()
 

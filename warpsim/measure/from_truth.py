@@ -34,7 +34,7 @@ class Draws:
     """That a target is detected; None: where its light, as drawn, is above the threshold."""
     clutter_per_image: float = 0.0
     """Mean number of false detections."""
-    seed: int = 0
+    draw_seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def draw_detections(truth: Table, n_target: int, instrument: Instrument, draws: 
     for start in range(0, len(truth), n_target):
         rows = {name: values[start : start + n_target] for name, values in columns.items()}
         frame, sensor, band = int(rows["frame"][0]), str(rows["sensor"][0]), str(rows["band"][0])
-        key = instrument.noise_key(instrument.index(sensor)) + draws.seed
+        key = instrument.noise_key(instrument.index(sensor)) + draws.draw_seed
         sources = _merged_sources(rows)
         on_array = np.all((sources.xy_px >= -0.5) & (sources.xy_px < size - 0.5), axis=1)
         numbers = uniforms(key, f"detections {band}", frame, N_DRAW * n_target).reshape(-1, N_DRAW)[sources.target]
