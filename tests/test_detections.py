@@ -257,7 +257,6 @@ def test_fits_reach_the_cramer_rao_bound(kind, size):
     assert len(table) > 250
     for axis, name in enumerate(("column", "row", "light")):
         ratio = float(np.sqrt(np.mean((off[:, axis] / bound[:, axis]) ** 2)))
-        print(f"{kind}: error of {name} {ratio:.3f} of the bound, {len(table)} fits")
         assert 0.8 < ratio < WITHIN, name
         assert abs(np.std(off[:, axis] / stated[:, axis]) - 1.0) < 0.1
 
