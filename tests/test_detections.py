@@ -123,6 +123,7 @@ def test_an_image_has_the_same_detections_in_any_company(frames):
             assert (np.asarray(table[name]) == np.asarray(mine[name])).all(), name
     other = ws.detections(frames, [110], "sat27", "C", method="truth", clutter_per_image=1.5, seed=4)
     assert not set(other["x_px"]) & set(alone["x_px"])
+    assert (other.meta["SEED"], other.meta["DRAW_SEED"], other.meta["METHOD"]) == (frames.scene.seed, 4, "truth")
     scene = ws.detections(frames.scenario, [110], "sat27", "C", **options)
     assert (scene["x_px"] == alone["x_px"]).all()
 
@@ -256,7 +257,6 @@ def test_fits_reach_the_cramer_rao_bound(kind, size):
     assert len(table) > 250
     for axis, name in enumerate(("column", "row", "light")):
         ratio = float(np.sqrt(np.mean((off[:, axis] / bound[:, axis]) ** 2)))
-        print(f"{kind}: error of {name} {ratio:.3f} of the bound, {len(table)} fits")
         assert 0.8 < ratio < WITHIN, name
         assert abs(np.std(off[:, axis] / stated[:, axis]) - 1.0) < 0.1
 
@@ -296,6 +296,28 @@ def test_what_is_no_target_is_a_star():
         distance = np.hypot(near["x_px"] - row["x_px"], near["y_px"] - row["y_px"])
         assert np.any((distance < 1.0) & (near["snr"][:, 0] > 3.0)), dict(row)
     assert len(others) > 20
+
+
+def test_light_within_one_pixel_is_detected_in_it():
+    """A blur of a thousandth of a pixel: nothing is known of the position but the pixel."""
+    frames = ws.Renderer(small_scene(psf=("gaussian", 1e-3))).render(range(100, 110), sensors=["sat11", "sat27"])
+    for method in ("truth", "matched_filter"):
+        table = ws.detections(frames, method=method)
+        named = table[table["target"] == "center"]
+        assert len(named) > 10
+        there = truth_of(frames, named)
+        np.testing.assert_allclose(named["x_sigma_px"], 12**-0.5)
+        off = (named["irradiance_w_cm2"] - there["irradiance_w_cm2"]) / named["irradiance_sigma_w_cm2"]
+        assert np.abs(off).max() < GATE_SIGMA
+        if method == "matched_filter":
+            assert (np.round(named["x_px"]) == np.round(there["x_px"])).all()
+
+
+def test_nothing_is_found_where_all_is_full():
+    image = ws.Renderer(small_scene(background__earth=True)).render([100], sensors=["sat27"])
+    assert len(ws.detections(image)) == 0
+    (row,) = ws.photometry(image, "center")
+    assert np.isnan(row["irradiance_w_cm2"]) and row["blended"] and row["full_px"] > 0
 
 
 # ------------------------------------------------------------------------------------------------------- bad input

@@ -86,7 +86,7 @@ def find_points(
     finder, nearest_px = FINDERS[method], max(LEAST_APART_PX, psf.fwhm_px)
     pixel, tried, state = np.zeros((0, 2), np.int64), np.zeros((0, 2), np.int64), np.zeros((0, 3))
     far, model = np.zeros_like(light), np.zeros_like(light)
-    for _ in range(MOST_PASS):
+    for _ in range(MOST_PASS if ok.any() else 0):
         sigma = np.sqrt(variance_of(model) + (_MODEL_ERROR * model) ** 2)
         found, strength = finder(light - model, sigma, ok, psf, threshold_sigma - _CANDIDATE_SIGMA)
         new = _far_from(found, state[:, :2], nearest_px) & _far_from(np.round(found), tried.astype(np.float64), 0.5)

@@ -97,7 +97,8 @@ def _nearest(xy_px: F64, rows: Table, most_px: float) -> npt.NDArray[np.int64]:
     Only targets count whose light is above its error: fainter ones are not what was detected.
     """
     there = np.stack([rows["x_px"], rows["y_px"]], axis=1).astype(np.float64)
-    seen = np.asarray(rows["irradiance_w_cm2"] > rows["irradiance_sigma_w_cm2"])
+    bound = np.asarray(rows["irradiance_sigma_w_cm2"])
+    seen = np.where(np.isfinite(bound), np.asarray(rows["irradiance_w_cm2"]) > bound, np.asarray(rows["snr"]) > 1.0)
     distance = np.linalg.norm(xy_px[:, None] - there, axis=2)
     distance[:, ~seen] = np.inf
     found = np.full(len(xy_px), -1, dtype=np.int64)

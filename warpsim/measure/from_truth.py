@@ -34,7 +34,7 @@ class Draws:
     """That a target is detected; None: where its light, as drawn, is above the threshold."""
     clutter_per_image: float = 0.0
     """Mean number of false detections."""
-    seed: int = 0
+    draw_seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def _merged_sources(rows: Mapping[str, npt.NDArray[Any]]) -> _Sources:
     """
     light, clump, *rest = (rows[name] for name in _NUMBERS)
     xy, sigma = np.stack(rest[:2], axis=1), np.stack(rest[2:], axis=1)
-    lit = np.flatnonzero((light > 0.0) & np.isfinite(xy).all(axis=1) & np.isfinite(sigma[:, 2]) & (clump >= 0))
+    lit = np.flatnonzero((light > 0.0) & np.isfinite(xy).all(axis=1) & (clump >= 0))
     lit = lit[np.lexsort((lit, -light[lit], clump[lit]))]  # of each clump the brightest first
     ids, first, count = np.unique(clump[lit], return_index=True, return_counts=True)
     if not len(ids):
@@ -85,14 +85,16 @@ def draw_detections(truth: Table, n_target: int, instrument: Instrument, draws: 
     """
     camera = instrument.sensor.camera
     size = np.array([camera.n_col, camera.n_row])
-    faint = {}  # bounds of a source as bright as the noise of a pixel, for clutter
-    for band in np.unique(truth["band"]).tolist():
+    columns = {name: np.array(truth[name]) for name in ("frame", "sensor", "band", "target", *_NUMBERS)}
+    faint, bound = {}, columns["irradiance_sigma_w_cm2"]
+    for band in np.unique(truth["band"]).tolist():  # bounds of a source as bright as the noise of a pixel
         faint[band] = source_sigma(PixelPsf(instrument.psf(band), camera.pixel_aspect), 1.0)
-    columns = {name: np.asarray(truth[name]) for name in ("frame", "sensor", "band", "target", *_NUMBERS)}
+        # Of light within one pixel no position is known, and truth has no bound of its brightness either.
+        bound[(columns["band"] == band) & ~np.isfinite(bound)] = faint[band][2] * instrument.nei_w_cm2(band)
     for start in range(0, len(truth), n_target):
         rows = {name: values[start : start + n_target] for name, values in columns.items()}
         frame, sensor, band = int(rows["frame"][0]), str(rows["sensor"][0]), str(rows["band"][0])
-        key = instrument.noise_key(instrument.index(sensor)) + draws.seed
+        key = instrument.noise_key(instrument.index(sensor)) + draws.draw_seed
         sources = _merged_sources(rows)
         on_array = np.all((sources.xy_px >= -0.5) & (sources.xy_px < size - 0.5), axis=1)
         numbers = uniforms(key, f"detections {band}", frame, N_DRAW * n_target).reshape(-1, N_DRAW)[sources.target]

@@ -44,7 +44,7 @@ def photometry(
 
     Columns: frame, time_s, sensor, band, target, x_px, y_px, irradiance_w_cm2 and irradiance_sigma_w_cm2 as measured,
     snr, their ratio; truth_w_cm2, what was drawn; others_w_cm2, what other targets add to the measured light; blended,
-    that this is more than 0.3 sigma; full_px, pixels left out as they are full.
+    that this is more than 0.3 sigma; full_px, pixels left out as they are full. Where all are, light is NaN.
 
     Args:
         frames: Rendered frames.
