@@ -35,7 +35,7 @@ FORMATS = ("fits", "fits-frames", "png", "tiff", "zarr", "webdataset")
 
 def recipe(**changes):
     scene = ws.Scene.load("stss").replace(**SCENE)
-    return ws.Recipe(**({"scene": scene, "sample": SAMPLE, **GIVEN, **PLANES} | changes))
+    return ws.Recipe(**({"scene": scene, "sample": SAMPLE, "least_box_px": 1e-3, **GIVEN, **PLANES} | changes))
 
 
 class Folders:
@@ -203,6 +203,16 @@ def test_coco_is_read_by_its_own_tools_and_boxes_hold_the_light(folders, rendere
             rows, columns = np.arange(48) + 0.5, np.arange(64) + 0.5  # pixel centres in COCO's coordinates
             inside = np.outer((rows > y) & (rows < y + h), (columns > x) & (columns < x + w))
             held.append(plane[inside].sum() / plane.sum())
+    videos = {video["id"]: video for video in sets["fits"].dataset["videos"]}
+    assert len(videos) == len(split_of(recipe())["train"]) * 2 * 2
+    for image in sets["fits"].imgs.values():
+        video = videos[image["video_id"]]
+        assert video["name"] == f"{image['sequence']:06d}_{image['sensor']}_{image['band']}"
+        assert (video["width"], video["height"], image["frame_id"]) == (64, 48, image["frame"])
+    tracks = {(sets["fits"].imgs[one["image_id"]]["sequence"], one["target"]): set() for one in annotations.values()}
+    for one in annotations.values():
+        tracks[sets["fits"].imgs[one["image_id"]]["sequence"], one["target"]].add(one["track_id"])
+    assert all(len(ids) == 1 for ids in tracks.values()) and len(set.union(*tracks.values())) == len(tracks)
     # A box holds 84 % of the light that pixels collect: not of each image, but of all places that a point may have.
     assert len(held) > 50 and np.mean(held) == pytest.approx(0.84, abs=0.05)
 

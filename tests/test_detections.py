@@ -286,6 +286,18 @@ def test_other_finders_find_the_same(frames, method):
     assert np.mean([tuple(row) in names for row in bright["frame", "sensor", "target"]]) > 0.8
 
 
+@pytest.mark.ci
+def test_what_is_no_target_is_a_star():
+    frames = ws.Renderer(ws.Scene.load("stss")).render(range(60, 90, 6), bands=["A"], keep_stars=True)
+    table, stars = ws.detections(frames), frames.stars
+    others = table[table["target"] == ""]
+    for row in others:
+        near = stars[(stars["frame"] == row["frame"]) & (stars["sensor"] == row["sensor"])]
+        distance = np.hypot(near["x_px"] - row["x_px"], near["y_px"] - row["y_px"])
+        assert np.any((distance < 1.0) & (near["snr"][:, 0] > 3.0)), dict(row)
+    assert len(others) > 20
+
+
 # ------------------------------------------------------------------------------------------------------- bad input
 
 

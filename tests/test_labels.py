@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis.extra import numpy as arrays
 
 import warpsim as ws
-from warpsim.labels.boxes import masks_to_rle, rle_area
+from warpsim.labels.boxes import box_around, masks_to_rle, rle_area
 from warpsim.optics.enclosed import box_half_width_px
 from warpsim.render.resolution import BOX_FRACTION, blur_half_px
 
@@ -134,6 +134,11 @@ def test_boxes_of_pixels_that_are_not_square(scene):
 # --- label tables ----------------------------------------------------------------------------------------------------
 
 
+def light_boxes(frames):
+    """Labels whose boxes are as narrow as the light."""
+    return ws.labels.label_table(frames, least_box_px=1e-3)
+
+
 def rows_of(table, frame, band="A"):
     return table[(table["frame"] == frame) & (table["band"] == band)]
 
@@ -160,7 +165,7 @@ def streaked(blurred):
 
 def test_boxes_of_still_targets(still):
     """The box's middle is the target's place, our pixel centre 0 being COCO's 0.5, and its size that of the blur."""
-    table = ws.labels.label_table(still)
+    table = light_boxes(still)
     assert table.colnames[: len(still.truth.colnames)] == still.truth.colnames
     assert len(table) == len(still.truth) and table["visible"].all()
     half_px = np.array([blur_half_px(still.instrument, band)[0] for band in table["band"]])
@@ -175,7 +180,7 @@ def test_boxes_of_still_targets(still):
 def test_boxes_hold_the_light(which, request):
     """Most of each target's light is in its box, and little of it in a row or column of pixels beside."""
     frames = request.getfixturevalue(which)
-    table = rows_of(ws.labels.label_table(frames), FRAME)
+    table = rows_of(light_boxes(frames), FRAME)
     planes = frames.contributions_w_cm2(FRAME, SENSOR, "A").astype(np.float64)
     column_edge, row_edge = np.arange(129.0), np.arange(129.0)
     shares = []
@@ -194,7 +199,7 @@ def test_boxes_hold_the_light(which, request):
 @pytest.mark.ci
 def test_boxes_of_streaks_follow_the_path(streaked):
     """A bent path reaches farther than its ends."""
-    table = ws.labels.label_table(streaked)
+    table = light_boxes(streaked)
     half_px = blur_half_px(streaked.instrument, "A")[0]
     instants = streaked.scene.replace(
         frames={"count": 601, "interval_s": 0.15 / 600, "start_s": 600.0 - 0.075}, detector__exposure_s=0.0
@@ -225,6 +230,40 @@ def test_boxes_end_with_the_array(blurred):
     assert np.isnan(hidden["box_x_px"]).all() and (hidden["keypoint_visibility"] == 0).all()
 
 
+@pytest.mark.parametrize("least_px", [0.5, 3.0, 7.0])
+def test_boxes_have_a_least_size(least_px):
+    """By hand, on an array of 20 x 10 pixels: still points, one on the array's corner, and a streak that comes in."""
+    low_px = np.array([[5.0, 4.0], [-0.5, 9.49], [-9.0, 3.0]])
+    high_px = np.array([[5.0, 4.0], [-0.5, 9.49], [-0.45, 3.0]])
+    half_px, size_px = np.array([0.4, 0.6]), np.array([20, 10])
+    x, y, w, h = box_around(low_px, high_px, half_px, size_px, least_px).T
+    wide, high = max(least_px, 0.8), max(least_px, 1.2)
+    np.testing.assert_allclose([x[0], y[0], w[0], h[0]], [5.5 - wide / 2, 4.5 - high / 2, wide, high], atol=1e-12)
+    least_cut_px = min(least_px, 1.0)
+    corner = [max(wide / 2, least_cut_px), max(0.01 + high / 2, least_cut_px)]
+    np.testing.assert_allclose([x[1], w[1], h[1]], [0.0, *corner], atol=1e-12)
+    assert y[1] + h[1] == 10.0
+    np.testing.assert_allclose([x[2], w[2]], [0.0, max(0.45, least_cut_px)], atol=1e-12)
+
+
+@pytest.mark.parametrize("offset_px", [[0.0, 0.0], [63.0, -60.0], [-63.5, 63.4]])
+def test_no_reader_drops_a_box(scene, offset_px):
+    """MMDetection skips boxes with w < 1 or h < 1; those of narrow bands are 0.9 px wide where the light is."""
+    sharp = scene.replace(pointing__offset_px=offset_px, optics__aperture_m=1.5)
+    frames = ws.Renderer(sharp, "cpu").render(range(90, 102), "sat11")
+    table = ws.labels.label_table(frames)
+    shown = table[table["visible"]]
+    assert len(shown) > 50
+    for axis, size in (("x", "w"), ("y", "h")):
+        low, wide = np.asarray(shown[f"box_{axis}_px"]), np.asarray(shown[f"box_{size}_px"])
+        whole = (low > 0) & (low + wide < 128)
+        assert wide.min() >= 1.0 and wide[whole].min() >= 3.0 - BOX_PX
+        assert low.min() >= 0.0 and (low + wide).max() <= 128.0
+        inside = (shown[f"{axis}_px"] + 0.5 >= low) & (shown[f"{axis}_px"] + 0.5 <= low + wide)
+        assert inside.all()
+    assert min(light_boxes(frames)["box_w_px"]) < 1.0
+
+
 @pytest.mark.ci
 def test_targets_whose_streaks_reach_in_are_visible(blurred):
     """Their place in the middle of the exposure is off the array; the box is what is left of the path."""
@@ -247,7 +286,8 @@ def test_centres_are_bright_or_faint(still):
     bright = table["snr_peak"] >= 5.0
     assert bright.any() and not bright.all()
     np.testing.assert_array_equal(table["keypoint_visibility"], np.where(bright, 2, 1))
-    assert table.meta == still.truth.meta | {"LEAST_NEI": 5.0} and table.meta["SCENE"] == "stss"
+    own = {"LEAST_NEI": 5.0, "LEAST_BOX_PX": 3.0}
+    assert table.meta == still.truth.meta | own and table.meta["SCENE"] == "stss"
 
 
 def test_hidden_targets_have_no_labels(scene):
@@ -300,6 +340,8 @@ def test_every_column_of_a_table_has_a_meaning(scene):
 def test_least_nei_is_checked(still):
     with pytest.raises(ws.InputError, match="least_nei: must be a number above 0, got 0"):
         ws.labels.label_table(still, 0)
+    with pytest.raises(ws.InputError, match="least_box_px: must be a number above 0, got -1"):
+        ws.labels.label_table(still, least_box_px=-1)
 
 
 def test_frames_are_labelled_alone_as_together(still):

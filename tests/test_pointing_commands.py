@@ -102,16 +102,18 @@ def test_without_limits_the_camera_jumps():
 
 
 def test_a_command_waits_until_the_camera_is_settled_and_the_latest_counts():
-    renderer = ws.Renderer(scene_of(schedule()), device="cpu")
+    slew = SLEW | {"settle_s": 0.6}
+    renderer = ws.Renderer(scene_of(schedule(slew=slew)), device="cpu")
     commands = {
         3: {"sensor": "sat11", "track": "sphere01", "offset_px": [40, 0]},
-        5: {"sensor": "sat11", "track": "sphere02"},
-        6: {"sensor": "sat11", "track": "sphere03"},
+        9: {"sensor": "sat11", "track": "sphere02"},
+        10: {"sensor": "sat11", "track": "sphere03"},
     }
     frames, (first, second, third) = run(renderer, commands)
-    assert second.start_s == third.start_s == first.settled_s > 600.0 + first.frame / 30
+    assert second.start_s == third.start_s == first.settled_s > 600.0 + third.frame / 30
     assert third.step.track == "sphere03"
-    assert_same(frames, scene_of([schedule(first.step, third.step, on=["sat11"]), schedule()]))
+    same = schedule(first.step, third.step, on=["sat11"], slew=slew)
+    assert_same(frames, scene_of([same, schedule(slew=slew)]))
 
 
 def test_many_commands_leave_no_trace():

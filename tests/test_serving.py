@@ -138,7 +138,7 @@ def c_reader(tmp_path_factory):
 
 @pytest.mark.parametrize("language", ["c", "python"])
 def test_readers_of_the_ring_get_the_bits_of_render(language, renderer, rendered, reader, ring, tmp_path, request):
-    out, options = tmp_path / "packets", {"rate_hz": 50.0, "ring": ring, "late": "send", "ring_frames": N_FRAME}
+    out, options = tmp_path / "packets", {"rate_hz": 50.0, "ring": ring, "late": "send", "ring_frames": 2 * N_FRAME}
     with ws.FrameServer(renderer, range(N_FRAME), SENSORS, BANDS, **options) as server:
         if language == "c":
             command = [request.getfixturevalue("c_reader"), server.ring, "1000", out]

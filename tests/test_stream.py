@@ -112,6 +112,38 @@ def test_the_ring_is_bounded():
     frames.close()
 
 
+def test_what_is_prepared_ahead_comes_with_its_frame():
+    threads = []
+
+    def prepare(frame):
+        threads.append(threading.current_thread().name)
+        return -frame.frames[0]
+
+    stream = Stream(Fake, range(9), None, True, 4, 3, prepare=prepare)
+    got = [(frame.frames[0], stream.latest.number, stream.latest.prepared) for frame in stream.frames()]
+    assert got == [(number, number, -number) for number in range(9)]
+    assert threads == ["warpsim-stream"] * 9
+
+
+@pytest.mark.parametrize("cost_s", [0.0, 0.01], ids=["in-time", "dropping"])
+def test_a_loop_has_no_end(cost_s):
+    """Frames begin anew, whether or not the last ones of a pass are dropped; no call reaches beyond a pass."""
+    calls = []
+
+    def render(frames):
+        time.sleep(cost_s)
+        calls.append(list(frames))
+        return Fake(frames)
+
+    stream = Stream(render, range(7), 500.0, cost_s > 0, 4, 2, loop=True)
+    frames = stream.frames()
+    for frame, _ in zip(frames, range(25), strict=False):
+        assert frame.frames[0] == stream.latest.number % 7
+    frames.close()
+    assert stream.latest.number >= 24 and (stream.stats.n_dropped > 0) == (cost_s > 0)
+    assert all(call == list(range(call[0], call[-1] + 1)) for call in calls)
+
+
 def test_stats_before_the_first_frame():
     stats = fake_stream(3).stats
     assert (stats.n_frame, stats.n_dropped, stats.n_late, stats.duration_s) == (0, 0, 0, 0.0)

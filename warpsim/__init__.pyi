@@ -29,7 +29,7 @@ from warpsim.scene.scene_files import presets as presets
 from warpsim.render.renderer import Renderer as Renderer
 from warpsim.render.frameset import FrameSet as FrameSet
 from warpsim.render.line_of_sight import LineOfSight as LineOfSight
-from warpsim.render.stream import FrameStream as FrameStream
+from warpsim.render.frame_stream import FrameStream as FrameStream
 from warpsim.render.stream import StreamStats as StreamStats
 from warpsim.serving.server import serve as serve
 from warpsim.serving.server import FrameServer as FrameServer
@@ -135,6 +135,8 @@ from warpsim.dataset.write_dataset import write_dataset as write_dataset
 from warpsim.dataset.recipe import Recipe as Recipe
 from warpsim.dataset.write_dataset import DatasetReport as DatasetReport
 from warpsim.dataset.rebuild import rebuild_sequence as rebuild_sequence
+from warpsim.dataset.export import export_dataset as export_dataset
+from warpsim.dataset.export import ExportReport as ExportReport
 
 # plot
 from warpsim.errors import InputError as InputError

@@ -1,4 +1,4 @@
-"""Command line: warpsim render | access | check | plot | czml | detect | serve | catalog | dataset | bench."""
+"""Command line: warpsim render | access | check | plot | czml | detect | serve | catalog | dataset | export | bench."""
 
 from __future__ import annotations
 

@@ -65,6 +65,18 @@ def whole_file_by_memory(path: Path) -> Iterator[str]:
             shutil.copyfileobj(memory, file, 2**20)
 
 
+def check_empty(folder: Path) -> None:
+    """Check that a folder is missing or empty.
+
+    Raises:
+        InputError: It holds something, or is a file.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError("cannot be written: is not a folder").of(folder)
+    if folder.is_dir() and any(folder.iterdir()):
+        raise InputError("holds files already; choose another folder, or remove it").of(folder)
+
+
 def absolute_path(path: str) -> str:
     """A path from the root, without `.` and `..`; but `..` stays where it leads out of a symbolic link."""
     whole = Path(path).absolute()

@@ -1,4 +1,4 @@
-"""The commands catalog (a report, a conversion) and dataset (sampled sequences of a scene, with labels)."""
+"""The commands catalog (a report, a conversion), dataset (sampled sequences of a scene, with labels) and export."""
 
 from __future__ import annotations
 
@@ -140,6 +140,19 @@ def _add_dataset(commands: Any) -> None:
     dataset.add_argument("--quiet", action="store_true", help="print nothing but errors")
     dataset.set_defaults(command=_dataset)
 
+    export = commands.add_parser("export", help="write a data set once more, as a trainer wants it")
+    export.add_argument("dataset", metavar="DATASET", help="folder of a finished data set")
+    export.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write; missing or empty")
+    export.add_argument("--format", metavar="NAME", required=True, help="yolo, mot or huggingface")
+    export.add_argument("--channels", metavar="NAME", help="three channels: bands, or frames (the two before, then it)")
+    export.add_argument("--bands", metavar="NAMES", help="comma-separated bands; all if left out")
+    export.add_argument("--splits", metavar="NAMES", help="comma-separated splits; all if left out")
+    export.add_argument("--least-snr", metavar="X", default="0", help="labels from this SNR in a target's pixel on")
+    export.add_argument("--knee", metavar="NEI", default="2", help="8 bits: linear up to here, 2 if left out")
+    export.add_argument("--top", metavar="NEI", default="1000", help="8 bits: white from here on, 1000 if left out")
+    export.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    export.set_defaults(command=_export)
+
 
 def _dataset(options: argparse.Namespace) -> int:
     from warpsim.dataset.recipe import Recipe
@@ -164,6 +177,26 @@ def _dataset(options: argparse.Namespace) -> int:
         report = write_dataset(
             recipe, options.output, executor, n_worker, options.device, options.overwrite, not options.quiet
         )
+    if not options.quiet:
+        print(report.text())
+    return 0
+
+
+def _export(options: argparse.Namespace) -> int:
+    from warpsim.dataset.export import export_dataset
+
+    report = export_dataset(
+        options.dataset,
+        options.output,
+        options.format,
+        options.channels,
+        names(options.bands),
+        names(options.splits),
+        number("--least-snr", options.least_snr),
+        number("--knee", options.knee),
+        number("--top", options.top),
+        not options.quiet,
+    )
     if not options.quiet:
         print(report.text())
     return 0

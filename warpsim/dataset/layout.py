@@ -265,6 +265,13 @@ def image_id(recipe: Recipe, key: ImageKey) -> int:
     return view * len(recipe.band_names) + key.band_number + 1
 
 
+def video_id(recipe: Recipe, image: int) -> int:
+    """Return the number of the video of an image: of its sequence, sensor and band; from 1."""
+    view, band = divmod(image - 1, len(recipe.band_names))
+    sequence, sensor = view // recipe.n_sensor // recipe.n_frame, view % recipe.n_sensor
+    return (sequence * recipe.n_sensor + sensor) * len(recipe.band_names) + band + 1
+
+
 RECIPE_SEED = "RECSEED"
 """Word of provenance that all files of a data set have: the recipe's seed."""
 

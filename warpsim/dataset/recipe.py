@@ -26,6 +26,7 @@ from warpsim.config.model import adapter, config_model, input_error
 from warpsim.dataset.crossings import Crossing, check_crossings
 from warpsim.detector.artifacts import has_artifacts
 from warpsim.errors import InputError
+from warpsim.labels.boxes import LEAST_BOX_PX
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
@@ -181,6 +182,7 @@ class Recipe:
         artifacts: Write the pixels that radiation hits and flickering pixels change in each image.
         preview: Draw a small animation of each sequence: "gif" or "mp4".
         least_nei: Light in a pixel, over the NEI, from which on a mask says that a target is there.
+        least_box_px: Least width and height of boxes [px]; 1e-3 leaves them as narrow as the light.
 
     Raises:
         InputError: One line: field, rule, value.
@@ -209,6 +211,7 @@ class Recipe:
     artifacts: Switch = False
     preview: Literal["gif", "mp4"] | None = None
     least_nei: Positive = 1.0
+    least_box_px: Positive = LEAST_BOX_PX
 
     @model_validator(mode="after")
     def _possible(self) -> Recipe:

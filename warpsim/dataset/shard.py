@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from warpsim.dataset.layout import (
     COCO,
@@ -27,14 +26,16 @@ from warpsim.dataset.layout import (
     input_files,
     stamp_of,
     table_path,
+    video_id,
 )
+from warpsim.dataset.read_dataset import Columns, image_rows
 from warpsim.dataset.recipe import SHARDED, Recipe
 from warpsim.dataset.writers import bytes_per_view, planes_of, shard_writer
 from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of, write_json
 from warpsim.instant import utc_dates
 from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts, satnet_record
-from warpsim.labels.table import label_table, read_parquet, write_parquet
+from warpsim.labels.table import label_table, write_parquet
 from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.output.joined_tables import joined_tables
 from warpsim.output.output_folder import PARTS, RUN, CheckpointRecord, OutputFolder, difference
@@ -73,7 +74,7 @@ class _ShardTables:
         """Add the rows of a render call; return them by table."""
         keys = image_keys(self._recipe, sequence, position, frames)
         ids = np.array([image_id(self._recipe, key) for key in keys], dtype=np.int64)
-        truth = label_table(frames, least_nei=self._recipe.least_nei, with_masks=self._recipe.masks)
+        truth = label_table(frames, self._recipe.least_nei, self._recipe.masks, self._recipe.least_box_px)
         n_target = len(sequence.scenario.targets)
         _put_keys_first(truth, np.repeat(ids, n_target), sequence.number)
         rows = {"images": self._images(sequence, frames, keys, ids), "truth": truth}
@@ -154,12 +155,10 @@ def _put_keys_first(table: Table, image_ids: Any, sequence: int) -> None:
     table.add_column(np.full(len(table), sequence, dtype=np.int64), index=1, name="sequence")
 
 
-Columns = dict[str, npt.NDArray[Any]]
-
 _FACTS = {
     "id": "image_id", "file_name": "file", "item": "item", "width": "width", "height": "height",
-    "sequence": "sequence", "frame": "frame", "time_s": "time_s", "date_obs": "date_obs", "sensor": "sensor",
-    "band": "band",
+    "sequence": "sequence", "frame": "frame", "frame_id": "frame", "time_s": "time_s", "date_obs": "date_obs",
+    "sensor": "sensor", "band": "band",
 }  # fmt: skip
 """What COCO's file says of an image, and the columns of the table of images that know it."""
 
@@ -171,12 +170,12 @@ def keep_texts(recipe: Recipe, folder: Path, shard: Shard) -> str:
     return sha256_of(path)
 
 
-def shard_texts(recipe: Recipe, folder: Path, shard: Shard, checksum: str | None) -> tuple[str, str]:
-    """Return the COCO texts of a shard's images and annotations; made again unless stored whole."""
+def shard_texts(recipe: Recipe, folder: Path, shard: Shard, checksum: str | None) -> tuple[str, str, str]:
+    """Return the COCO texts of a shard's images, annotations and videos; made again unless stored whole."""
     path = _texts_path(folder, shard)
     if path.is_file() and sha256_of(path) == checksum:
-        images, annotations = read_json(path)
-        return images, annotations
+        images, annotations, videos = read_json(path)
+        return images, annotations, videos
     return _texts(recipe, folder, shard)
 
 
@@ -184,30 +183,19 @@ def _texts_path(folder: Path, shard: Shard) -> Path:
     return folder / PARTS / COCO / f"{shard.name}.json"
 
 
-def _texts(recipe: Recipe, folder: Path, shard: Shard) -> tuple[str, str]:
-    images, annotations = zip(
-        *coco_texts(_images(recipe, folder, shard), coco_categories(recipe.scenario)), strict=True
-    )
-    return BETWEEN.join(images), BETWEEN.join(filter(None, annotations))
+def _texts(recipe: Recipe, folder: Path, shard: Shard) -> tuple[str, str, str]:
+    texts = zip(*coco_texts(_images(recipe, folder, shard), coco_categories(recipe.scenario)), strict=True)
+    images, annotations, videos = (BETWEEN.join(filter(None, items)) for items in texts)
+    return images, annotations, videos
 
 
 def _images(recipe: Recipe, folder: Path, shard: Shard) -> Iterator[tuple[dict[str, Any], Columns]]:
     """Each image of a shard, and the columns of its targets."""
     for number in shard.sequences[:1] if recipe.format in SHARDED else shard.sequences:
-        images = _columns(folder / table_path(recipe, shard, number, "images"))
-        truth = _columns(folder / table_path(recipe, shard, number, "truth"))
-        order = np.argsort(truth["image_id"], kind="stable")
-        truth = {name: column[order] for name, column in truth.items()}
-        ends = np.searchsorted(truth["image_id"], images["image_id"], side="right")
-        firsts = np.searchsorted(truth["image_id"], images["image_id"])
-        facts = {ours: images[name].tolist() for ours, name in _FACTS.items()}
-        for first, end, *values in zip(firsts, ends, *facts.values(), strict=True):
-            yield dict(zip(facts, values, strict=True)), {name: column[first:end] for name, column in truth.items()}
-
-
-def _columns(path: Path) -> Columns:
-    table = read_parquet(path)
-    return {name: np.asarray(table[name]) for name in table.colnames}
+        tables = [folder / table_path(recipe, shard, number, name) for name in ("images", "truth")]
+        for row, labels in image_rows(*tables):
+            facts = {ours: row[name] for ours, name in _FACTS.items()}
+            yield facts | {"video_id": video_id(recipe, row["image_id"])}, labels
 
 
 def write_satnet(frames: FrameSet, rows: dict[str, Table], folder: Path) -> None:

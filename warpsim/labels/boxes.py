@@ -16,7 +16,14 @@ from warpsim.render.frameset import FrameSet
 from warpsim.render.resolution import blur_half_px
 
 F64 = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
+
+LEAST_BOX_PX = 3.0
+"""Of boxes, unless another size is asked for: some readers drop what is narrower than a pixel, silently."""
+
+LEAST_CUT_PX = 1.0
+"""A box that the array's edge cuts reaches at least so far inward."""
 
 CORNER_PX = 0.5
 """Our pixel centres lie on whole numbers, COCO's pixel corners: its coordinates are larger by this."""
@@ -26,8 +33,6 @@ _STEPS_PER_TERM = 8
 
 _VALUES_AT_A_TIME = 2_000_000
 """Of paths, to bound memory (16 MB per temporary)."""
-
-Ints = npt.NDArray[np.int64]
 
 
 class Boxes(NamedTuple):
@@ -39,25 +44,36 @@ class Boxes(NamedTuple):
     """x, y, width and height in COCO's coordinates [px]; NaN where not visible; shape (..., 4)."""
 
 
-def target_boxes(frames: FrameSet) -> Boxes:
+def target_boxes(frames: FrameSet, least_px: float) -> Boxes:
     """Return boxes that hold most of the light of each target.
 
     A box is the rectangle about the target's path from the start to the end of the exposure, wider on each side by half
-    the box that holds BOX_FRACTION of a point's light, and cut at the array's edges.
+    the box that holds BOX_FRACTION of a point's light, at least least_px wide and high, and cut at the array's edges.
     """
     light, camera = frames.target_light, frames.instrument.sensor.camera
     low_px, high_px, on_array = path_extent(frames)
     visible = (light.irradiance_w_cm2 != 0.0) & on_array[:, None]
     half_px = np.array([blur_half_px(frames.instrument, band) for band in frames.bands])
     size_px = np.array([camera.n_col, camera.n_row])
-    box_px = box_around(low_px[:, None], high_px[:, None], half_px[:, None], size_px)
+    box_px = box_around(low_px[:, None], high_px[:, None], half_px[:, None], size_px, least_px)
     return Boxes(visible, np.where(visible[..., None], box_px, np.nan))
 
 
-def box_around(low_px: F64, high_px: F64, half_px: F64, size_px: npt.NDArray[np.int64]) -> F64:
-    """Return COCO's box of a path, (..., 2) as x and y, widened by half_px and cut at the array."""
-    left_top = np.clip(low_px - half_px + CORNER_PX, 0.0, size_px)
-    right_bottom = np.clip(high_px + half_px + CORNER_PX, 0.0, size_px)
+def box_around(low_px: F64, high_px: F64, half_px: F64, size_px: Ints, least_px: float) -> F64:
+    """Return COCO's box of a path, (..., 2) as x and y, widened by half_px, to least_px if need be, and cut."""
+    return cut_box(low_px - half_px + CORNER_PX, high_px + half_px + CORNER_PX, size_px, least_px)
+
+
+def cut_box(left_top_px: F64, right_bottom_px: F64, size_px: Ints, least_px: float) -> F64:
+    """Return COCO's box between two corners, (..., 2) as x and y.
+
+    It is widened about its centre to least_px, and cut at the array; what is left is at least LEAST_CUT_PX wide, or
+    least_px if that is less.
+    """
+    wider_px = 0.5 * np.maximum(least_px - (right_bottom_px - left_top_px), 0.0)
+    inward_px = np.minimum(min(least_px, LEAST_CUT_PX), size_px)
+    left_top = np.clip(left_top_px - wider_px, 0.0, size_px - inward_px)
+    right_bottom = np.clip(right_bottom_px + wider_px, inward_px, size_px)
     return np.concatenate([left_top, right_bottom - left_top], axis=-1)
 
 

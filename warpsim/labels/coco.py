@@ -1,8 +1,8 @@
 """Labels as a COCO file, and of one image in the form of the SatNet data set with the names that SatSim writes.
 
-COCO: boxes, centres as keypoints, masks as run lengths; written as it comes, whatever its size. SatNet: Fletcher, J. et
-al. (2019), "Feature-Based Satellite Detection Using Convolutional Neural Networks", AMOS; positions are parts of the
-image's width and height, from the outer corner of the first pixel: (x_px + 0.5) / n_col.
+COCO: boxes, centres as keypoints, masks as run lengths, tracks of videos; written as it comes, whatever its size.
+SatNet: Fletcher, J. et al. (2019), "Feature-Based Satellite Detection Using Convolutional Neural Networks", AMOS;
+positions are parts of the image's width and height, from the outer corner of the first pixel: (x_px + 0.5) / n_col.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.files import plain_number, whole_file
-from warpsim.labels.boxes import CORNER_PX, box_around, mask_to_rle, rle_area
-from warpsim.labels.table import BOX_COLUMNS
+from warpsim.labels.boxes import CORNER_PX, LEAST_BOX_PX, box_around, mask_to_rle, rle_area
+from warpsim.labels.table import BOX_COLUMNS, LEAST_BOX
 from warpsim.radiometry.magnitudes import PHYSICS
 from warpsim.render.frameset import FrameSet
 from warpsim.render.resolution import blur_half_px
@@ -40,7 +40,8 @@ BETWEEN = ",\n"
 """Items of a list in the file."""
 
 ROWS_PER_IMAGE = 100_000
-"""Ids of annotations are image id x this + row in the image's label table + 1, whatever else is visible."""
+"""Ids of annotations are image id x this + row in the image's label table + 1, whatever else is visible; ids of tracks
+are sequence x this + that number."""
 
 _VALUES = ("snr", "snr_peak", "irradiance_w_cm2", "range_km")
 _COLUMNS = ["target", "class", "x_px", "y_px", "keypoint_visibility", *BOX_COLUMNS, *_VALUES]
@@ -75,7 +76,8 @@ def coco_categories(scene: Scene | Scenario) -> list[dict[str, Any]]:
     Args:
         scene: The scene, or its scenario.
     """
-    specs = [spec for group in scenario_of(scene).scene.groups for spec in group.targets]
+    described = scene if isinstance(scene, Scene) else scenario_of(scene).scene  # files of flights are not read
+    specs = [spec for group in described.groups for spec in group.targets]
     kinds = {spec.class_name: spec.shape.kind for spec in reversed(specs)}
     names = dict.fromkeys(spec.class_name for spec in specs)
     return [
@@ -93,12 +95,13 @@ def write_coco(
     """Write images and the labels of their visible targets, whole or not at all.
 
     One image is looked at at a time, so that memory does not grow with the file. While it is written, its annotations
-    lie in a second, nameless file beside it.
+    and videos lie in further, nameless files beside it.
 
     Args:
         path: File to write; replaced if it is there.
         images: Of each image what COCO says of it (id, file_name, width, height, and anything else), and its rows of a
-            label table, in the order of the scene's targets: a table, or its columns by name, which is quicker.
+            label table, in the order of the scene's targets: a table, or its columns by name, which is quicker. Images
+            with a `video_id` make `videos`; a target's `track_id` is the same in all images of a `sequence`.
         categories: As `coco_categories` makes them.
         info: What is said about the whole file.
 
@@ -118,36 +121,48 @@ def write_coco(
 
 def coco_texts(
     images: Iterable[tuple[Mapping[str, Any], Rows]], categories: Sequence[Mapping[str, Any]]
-) -> Iterator[tuple[str, str]]:
-    """Yield COCO texts of each image and of its annotations: items of JSON lists, annotations one a line."""
+) -> Iterator[tuple[str, str, str]]:
+    """Yield COCO texts of each image, of its annotations, and of its video unless it has come: items of JSON lists."""
     ids = {str(category["name"]): int(category["id"]) for category in categories}
+    videos: set[int] = set()
     for image, rows in images:
-        yield _json(image), BETWEEN.join(map(_json, image_annotations(image, rows, ids)))
+        video = "" if image.get("video_id") in {None, *videos} else _json(_video(image))
+        videos |= {image["video_id"]} if video else set()
+        yield _json(image), BETWEEN.join(map(_json, image_annotations(image, rows, ids))), video
+
+
+def _video(image: Mapping[str, Any]) -> dict[str, Any]:
+    known = {name: image[name] for name in ("sequence", "sensor", "band") if name in image}
+    name = "_".join(f"{value:06d}" if isinstance(value, int) else str(value) for value in known.values())
+    size = {"width": image["width"], "height": image["height"]}
+    return {"id": image["video_id"], "name": name or str(image["video_id"]), **size, **known}
 
 
 def write_coco_parts(
     path: Path,
-    parts: Iterable[tuple[str, str]],
+    parts: Iterable[tuple[str, str, str]],
     categories: Sequence[Mapping[str, Any]],
     info: Mapping[str, Any] | None = None,
 ) -> None:
-    """Assemble a file from texts of one or more images and of their annotations, whole or not at all."""
+    """Assemble a file from texts of one or more images, their annotations and videos, whole or not at all."""
     with (
         whole_file(path) as partial,
         partial.open("w", encoding="utf-8", newline="\n") as file,
         tempfile.TemporaryFile("w+", encoding="utf-8", newline="\n", dir=path.parent) as annotations,
+        tempfile.TemporaryFile("w+", encoding="utf-8", newline="\n", dir=path.parent) as videos,
     ):
         head = {"info": {"coordinates": COORDINATES, **(info or {})}, "licenses": [], "categories": list(categories)}
         file.write(_json(head)[:-1] + ',\n"images": [')
-        before = {file: "\n", annotations: "\n"}
+        before = {file: "\n", annotations: "\n", videos: "\n"}
         for texts in parts:
-            for where, text in zip((file, annotations), texts, strict=True):
+            for where, text in zip(before, texts, strict=True):
                 if text:
                     where.write(before[where] + text)
                     before[where] = BETWEEN
-        file.write('\n],\n"annotations": [')
-        annotations.seek(0)
-        shutil.copyfileobj(annotations, file)
+        for name, lines in (("annotations", annotations), ("videos", videos)):
+            file.write(f'\n],\n"{name}": [')
+            lines.seek(0)
+            shutil.copyfileobj(lines, file)
         file.write("\n]}\n")
 
 
@@ -161,6 +176,7 @@ def image_annotations(image: Mapping[str, Any], rows: Rows, category_ids: Mappin
     if n_row > ROWS_PER_IMAGE:
         raise InputError(f"must have at most {ROWS_PER_IMAGE} label rows", value=n_row).of(f"image {image['id']}")
     shape = (int(image["height"]), int(image["width"]))
+    first_track = int(image.get("sequence", 0)) * ROWS_PER_IMAGE
     with_masks = "mask_rle" in rows.keys()  # noqa: SIM118 - a table is no mapping
     (visible,) = np.nonzero(np.asarray(rows["visible"]))
     names = [*_COLUMNS, "mask_rle"] if with_masks else _COLUMNS
@@ -176,6 +192,8 @@ def image_annotations(image: Mapping[str, Any], rows: Rows, category_ids: Mappin
             "id": int(image["id"]) * ROWS_PER_IMAGE + number + 1,
             "image_id": image["id"],
             "category_id": category_ids[row["class"]],
+            "track_id": first_track + number + 1,
+            "instance_id": first_track + number + 1,
             "iscrowd": 0,
             "bbox": box_px,
             "area": round(box_px[2] * box_px[3], _PX_DIGITS),
@@ -253,7 +271,7 @@ def satnet_record(
     names = frames.scenario.target_names
     objects = [_target(frames, band, row, names.index(str(row["target"])) + 1) for row in rows[rows["visible"]]]
     if with_stars:
-        objects += _stars(frames, frame, sensor, band)
+        objects += _stars(frames, frame, sensor, band, rows.meta.get(LEAST_BOX, LEAST_BOX_PX))
     return {
         "data": {
             "file": {**_file(file), "sequence_id": int(frame)},
@@ -297,7 +315,7 @@ def _target(frames: FrameSet, band: str, row: Row, number: int) -> dict[str, Any
     }
 
 
-def _stars(frames: FrameSet, frame: int, sensor: str, band: str) -> list[dict[str, Any]]:
+def _stars(frames: FrameSet, frame: int, sensor: str, band: str, least_px: float) -> list[dict[str, Any]]:
     """Stars on the array, brightest first."""
     camera, number = frames.instrument.sensor.camera, frames.bands.index(band)
     size_px = np.array([camera.n_col, camera.n_row])
@@ -308,7 +326,7 @@ def _stars(frames: FrameSet, frame: int, sensor: str, band: str) -> list[dict[st
     for row in stars:
         position_px, moved_px = np.array([row["x_px"], row["y_px"]]), _moved(row)
         ends_px = np.stack([position_px - 0.5 * moved_px, position_px + 0.5 * moved_px])
-        box = tuple(box_around(ends_px.min(axis=0), ends_px.max(axis=0), half_px, size_px).tolist())
+        box = tuple(box_around(ends_px.min(axis=0), ends_px.max(axis=0), half_px, size_px, least_px).tolist())
         found.append(
             {
                 **_object("Star", box, position_px, moved_px, size_px),

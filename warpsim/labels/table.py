@@ -14,7 +14,7 @@ import numpy.typing as npt
 from warpsim.arguments import above_zero
 from warpsim.errors import InputError
 from warpsim.files import plain_number, whole_file
-from warpsim.labels.boxes import masks_to_rle, target_boxes
+from warpsim.labels.boxes import LEAST_BOX_PX, masks_to_rle, target_boxes
 from warpsim.render.frameset import FrameSet
 from warpsim.render.states import STATE_NAMES
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 BOX_COLUMNS = ("box_x_px", "box_y_px", "box_w_px", "box_h_px")
 """A box as COCO has it."""
 
-LEAST_NEI = "LEAST_NEI"
-"""Key of a label table's meta."""
+LEAST_NEI, LEAST_BOX = "LEAST_NEI", "LEAST_BOX_PX"
+"""Keys of a label table's meta."""
 
 META_KEY = b"warpsim"
 """Key of the file's metadata that holds the table's meta, as JSON."""
@@ -205,7 +205,9 @@ def _field_meta(column: Any) -> dict[str, str]:
     return meta
 
 
-def label_table(frames: FrameSet, least_nei: float = 1.0, with_masks: bool = False) -> Table:
+def label_table(
+    frames: FrameSet, least_nei: float = 1.0, with_masks: bool = False, least_box_px: float = LEAST_BOX_PX
+) -> Table:
     """Return truth and labels, one row per frame x sensor x band x target, as in `frames.truth`.
 
     Besides the columns of the truth: visible (it gives light, and is on the array at some time of the exposure),
@@ -218,16 +220,19 @@ def label_table(frames: FrameSet, least_nei: float = 1.0, with_masks: bool = Fal
         frames: Rendered frames.
         least_nei: Light of one target in one pixel that counts, over the NEI.
         with_masks: Whether masks are drawn.
+        least_box_px: Least width and height of a box [px] before the array's edge cuts it, which leaves a pixel or
+            more; 1e-3 leaves boxes as narrow as the light.
 
     Returns:
-        The table; its meta holds LEAST_NEI besides that of the truth.
+        The table; its meta holds LEAST_NEI and LEAST_BOX_PX besides that of the truth.
 
     Raises:
-        InputError: least_nei is not above 0, or masks are asked for without the extra `coco` (pycocotools).
+        InputError: least_nei or least_box_px is not above 0, or masks are asked for without the extra `coco`
+            (pycocotools).
     """
-    least = above_zero("least_nei", least_nei)
+    least, least_px = above_zero("least_nei", least_nei), above_zero("least_box_px", least_box_px)
     table = frames.truth.copy()
-    boxes = target_boxes(frames)
+    boxes = target_boxes(frames, least_px)
     visible = boxes.visible.ravel()
     table["visible"] = visible
     table["keypoint_visibility"] = keypoint_visibility(table, least)
@@ -236,7 +241,7 @@ def label_table(frames: FrameSet, least_nei: float = 1.0, with_masks: bool = Fal
         table[name].unit = "pix"
     if with_masks:
         table["mask_rle"] = target_masks(frames, boxes.visible, least).ravel()
-    table.meta[LEAST_NEI] = least
+    table.meta |= {LEAST_NEI: least, LEAST_BOX: least_px}
     for name in table.colnames:
         table[name].info.description = DESCRIPTIONS[name]
     return table

@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.measure.pixel_psf import PixelPsf
-from warpsim.measure.point_fit import PointFit, PointFitter
+from warpsim.measure.point_fit import N_ROUGH_STEP, PointFit, PointFitter
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 MOST_PASS = 6
-LEAST_APART_PX = 1.5
+LEAST_APART_PX = 1.1
 """Sources that are nearer than that, or than the blur is wide, are one."""
 _DYNAMIC_RANGE = 20.0
 """Sources fainter than the brightest one over it wait for the next pass, when the brighter ones are taken out."""
@@ -96,7 +96,7 @@ def find_points(
         more = np.clip(np.round(bright), 0, np.array(light.shape[::-1]) - 1).astype(np.int64)
         pixel, tried = np.concatenate([pixel, more]), np.concatenate([tried, more])
         fitter = PointFitter(light - far, variance_of, ok, psf, pixel)
-        state = fitter.fit(fitter.start(state))
+        state = fitter.fit(fitter.start(state), N_ROUGH_STEP)
         kept = state[:, 2] > (threshold_sigma - _CANDIDATE_SIGMA) * fitter.flux_sigma(state)
         pixel, state = pixel[kept], state[kept]
         near, model = (_drawn(state, psf, light.shape, variance_of, wings) for wings in (False, True))

@@ -38,7 +38,7 @@ class Draws:
 
 
 @dataclass(frozen=True)
-class Sources:
+class _Sources:
     """What an image shows as single points: targets, or several that merge."""
 
     target: npt.NDArray[np.int64]
@@ -56,7 +56,7 @@ _NUMBERS = ("irradiance_w_cm2", "clump_id", "x_px", "y_px", "x_sigma_px", "y_sig
 """Columns of the truth that sources are made of."""
 
 
-def merged_sources(rows: Mapping[str, npt.NDArray[Any]]) -> Sources:
+def _merged_sources(rows: Mapping[str, npt.NDArray[Any]]) -> _Sources:
     """Return the sources of one image: each clump of the truth is one, at the centroid of its light.
 
     Errors are the brightest target's, with the clump's light for its own.
@@ -68,13 +68,13 @@ def merged_sources(rows: Mapping[str, npt.NDArray[Any]]) -> Sources:
     ids, first, count = np.unique(clump[lit], return_index=True, return_counts=True)
     if not len(ids):
         none = np.zeros(0, dtype=np.int64)
-        return Sources(none, np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3)), none, none)
+        return _Sources(none, np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3)), none, none)
     total = np.add.reduceat(light[lit], first)
     centroid = np.add.reduceat(light[lit, None] * xy[lit], first) / total[:, None]
     brightest = lit[first]
     sigma = sigma[brightest]
     sigma[:, :2] = np.fmin(sigma[:, :2] * (light[brightest] / total)[:, None], LARGEST_SIGMA_PX)
-    return Sources(brightest, centroid, total, sigma, ids, count)
+    return _Sources(brightest, centroid, total, sigma, ids, count)
 
 
 def draw_detections(truth: Table, n_target: int, instrument: Instrument, draws: Draws) -> Iterator[ImageRows]:
@@ -93,7 +93,7 @@ def draw_detections(truth: Table, n_target: int, instrument: Instrument, draws: 
         rows = {name: values[start : start + n_target] for name, values in columns.items()}
         frame, sensor, band = int(rows["frame"][0]), str(rows["sensor"][0]), str(rows["band"][0])
         key = instrument.noise_key(instrument.index(sensor)) + draws.seed
-        sources = merged_sources(rows)
+        sources = _merged_sources(rows)
         on_array = np.all((sources.xy_px >= -0.5) & (sources.xy_px < size - 0.5), axis=1)
         numbers = uniforms(key, f"detections {band}", frame, N_DRAW * n_target).reshape(-1, N_DRAW)[sources.target]
         measured, sigma, chosen = _drawn(sources, numbers, on_array, draws)
@@ -108,7 +108,7 @@ def draw_detections(truth: Table, n_target: int, instrument: Instrument, draws: 
 
 
 def _drawn(
-    sources: Sources, numbers: F64, on_array: npt.NDArray[np.bool_], draws: Draws
+    sources: _Sources, numbers: F64, on_array: npt.NDArray[np.bool_], draws: Draws
 ) -> tuple[F64, F64, npt.NDArray[np.int64]]:
     """Position and light, (n, 3), and errors, (n, 3), of the sources that are detected, and which they are."""
     from scipy.special import ndtri

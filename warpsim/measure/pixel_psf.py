@@ -24,6 +24,9 @@ MOST_HALF_PX, MOST_WING_PX = 12, 200
 GRID_PX, N_GRID = 1.0, 41
 """Positions that a fit may begin at lie that far from a pixel's centre at most; how many along each axis."""
 
+TABLE_ERROR = 1e-5
+"""Of a source's light in a pixel: below the noise of all but the very brightest sources."""
+
 _STEP_PX = 0.01
 """Step of slopes: far below the scale of a pixel, far above float32 tables' rounding."""
 
@@ -34,18 +37,16 @@ class PixelPsf:
     Args:
         psf: Point spread function, lengths in pixel widths.
         pixel_aspect: Height of a pixel over its width.
-        accuracy: Of the table of a pattern: best that with which it is drawn, which then is at hand.
     """
 
-    def __init__(self, psf: Psf, pixel_aspect: float = 1.0, accuracy: TableAccuracy | None = None) -> None:
-        accuracy = accuracy or TableAccuracy()
+    def __init__(self, psf: Psf, pixel_aspect: float = 1.0) -> None:
         self._sigma_px = (psf.sigma_px, psf.sigma_px / pixel_aspect) if isinstance(psf, PsfGaussian) else None
         if not isinstance(psf, PsfGaussian):
-            self._table = epsf_table(psf, pixel_aspect, accuracy.error, accuracy.n_point)
-        width_px = box_half_width_px(psf, ENCLOSED, pixel_aspect, accuracy)
+            self._table = epsf_table(psf, pixel_aspect, TABLE_ERROR)
+        width_px = box_half_width_px(psf, ENCLOSED, pixel_aspect, TableAccuracy(TABLE_ERROR))
         self.half_px = tuple(min(max(2, math.ceil(width_px / unit)), MOST_HALF_PX) for unit in (1.0, pixel_aspect))
         """Half-width of the window of fits, along columns and along rows."""
-        core_px = box_half_width_px(psf, 0.5, pixel_aspect, accuracy)
+        core_px = box_half_width_px(psf, 0.5, pixel_aspect, TableAccuracy(TABLE_ERROR))
         self.fwhm_px = 2.0 * core_px
         """Width of the box that holds half the light, pixels included [pixel widths]."""
 

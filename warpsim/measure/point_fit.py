@@ -12,8 +12,8 @@ from warpsim.measure.pixel_psf import GRID_PX, N_GRID, PixelPsf
 
 F64 = npt.NDArray[np.float64]
 
-N_STEP = 30
-"""Steps of a fit at most."""
+N_STEP, N_ROUGH_STEP = 30, 8
+"""Steps of a fit at most, and of one that others follow."""
 
 LARGEST_SIGMA_PX = 12.0**-0.5
 """Error of a position of which no more is known than its pixel."""
@@ -24,6 +24,8 @@ _STUCK = 1e3
 _LEAST_INFORMATION = 1e-6
 """Of a position that light does not depend on [1/px2]: nothing is known of it within a window."""
 _GRID_STEP_PX = 2.0 * GRID_PX / (N_GRID - 1)
+_POOR_SIGMA = 5.0
+"""Chi-square of a window beyond its expectation from which on a fit is poor, by a neighbour, say."""
 _WIDER = 1.1
 """Errors over those of a parabola from which on the likelihood is taken as no parabola."""
 
@@ -80,13 +82,13 @@ class PointFitter:
         flux = np.take_along_axis(flux, best[:, None], axis=1)
         return np.concatenate([state, np.concatenate([self._pixel[n:] + self._psf.grid[0][best], flux], axis=1)])
 
-    def fit(self, state: F64) -> F64:
+    def fit(self, state: F64, n_step: int = N_STEP) -> F64:
         """Return the likeliest state from a start (Levenberg and Marquardt, each source damped for itself)."""
         if not len(state):
             return state
         damping = np.full(len(state), 1e-3)
         residual, weight, slopes = self._linear(state)
-        for _ in range(N_STEP):
+        for _ in range(n_step):
             trial = state + self._step(slopes, weight, residual, damping)
             trial[:, :2] = np.clip(trial[:, :2], self._pixel - GRID_PX, self._pixel + GRID_PX)
             tried = self._residual(trial)
@@ -108,7 +110,7 @@ class PointFitter:
         """Return a fitted state with its errors; those of positions are at most that of a pixel.
 
         Where pixels are wide the likelihood is flat between a pixel's edges, and no parabola: means over the grid then
-        take the place of the likeliest position.
+        take the place of the likeliest position. Those of a poor fit grow by the root of its chi-square.
         """
         if not len(state):
             return PointFit(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3)))
@@ -120,6 +122,10 @@ class PointFitter:
         wide = spread[:, :2] > np.maximum(_WIDER * sigma[:, :2], 2.0 * _GRID_STEP_PX)
         wide = np.concatenate([wide, wide.any(axis=1, keepdims=True)], axis=1)
         state, sigma = np.where(wide, mean, state), np.where(wide, np.maximum(spread, sigma), sigma)
+        ok = weight[self._flat] > 0.0
+        misfit = (weight * residual**2)[self._flat].sum(axis=1) / np.maximum(ok.sum(axis=1), 1)
+        is_poor = misfit > 1.0 + _POOR_SIGMA * np.sqrt(2.0 / np.maximum(ok.sum(axis=1), 1))
+        sigma[:, :2] *= np.sqrt(np.where(is_poor, misfit, 1.0))[:, None]
         sigma[:, :2] = np.minimum(sigma[:, :2], LARGEST_SIGMA_PX)
         return PointFit(state[:, :2], state[:, 2], sigma)
 

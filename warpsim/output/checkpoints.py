@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from warpsim.errors import InputError
-from warpsim.files import sha256_of
+from warpsim.files import check_empty, partial_path, prepare_folder, sha256_of
 
 _SUFFIXES = "fits|png|tif|exr|npy|gif|mp4|json|parquet|tar"
 _OURS = re.compile(rf"([\w.+-]+/)*[\w.+-]+\.({_SUFFIXES})|([\w.+-]+/)+c(/\d+)+", re.ASCII)
@@ -78,6 +78,30 @@ def clear(parts: Path, with_lock: bool = True) -> None:
         (parts / LOCK).unlink(missing_ok=True)  # last: from now on others may come
         with contextlib.suppress(OSError):
             parts.rmdir()
+
+
+@contextlib.contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A folder to write to within `.NAME.partial` beside a folder; it becomes that folder at the end.
+
+    It is removed on an error; what a killed process left is removed by the next one.
+
+    Raises:
+        InputError: The folder holds something, cannot be written, or another process is writing it.
+    """
+    check_empty(folder)
+    prepare_folder(folder.parent)
+    parts = partial_path(folder)
+    with locked(folder, parts):
+        clear(parts, with_lock=False)
+        try:
+            made = parts / folder.name
+            made.mkdir()
+            yield made
+            check_empty(folder)
+            made.replace(folder)
+        finally:
+            clear(parts)
 
 
 def remove_files(folder: Path, names: Iterable[str]) -> None:

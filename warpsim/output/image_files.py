@@ -31,6 +31,9 @@ _SETTINGS: dict[str, dict[str, str | int]] = {
 }
 """Ways of compressing that take a quarter to half of the time of the usual ones, and up to 13 % more space."""
 
+_UNFILTERED = {"png:filter": 8}
+"""Of 8-bit noise: differences of neighbours take more space than the pixels, and twice the time."""
+
 
 def write_counts(path: str | Path, counts: npt.NDArray[np.uint16], meta: dict[str, Any]) -> None:
     """Write counts as a 16-bit grey image: the file's numbers are the counts.
@@ -45,6 +48,11 @@ def write_counts(path: str | Path, counts: npt.NDArray[np.uint16], meta: dict[st
         OSError: Writing failed.
     """
     _write(Path(path), counts, np.dtype(np.uint16), COUNTS_SUFFIXES, meta)
+
+
+def write_grey(path: Path, grey: npt.NDArray[np.uint8], meta: dict[str, Any]) -> None:
+    """Write an 8-bit image of one or more channels, shape (row, column, channel), as PNG."""
+    _write_channels(path, grey, "png", meta)
 
 
 def write_signal(path: str | Path, signal_w_cm2: npt.NDArray[np.float32], meta: dict[str, Any]) -> None:
@@ -138,28 +146,33 @@ def _cards(frames: FrameSet, frame: int, sensor: str, band: str) -> list[Card]:
 def _write(
     path: Path, pixels: npt.NDArray[Any], kind: np.dtype[Any], suffixes: tuple[str, ...], meta: dict[str, Any]
 ) -> None:
-    """Write an image of one channel, whole or not at all."""
-    import OpenImageIO as oiio
-
+    """Write an image of one channel."""
     suffix = path.suffix.lower()
     if suffix not in suffixes:
         raise InputError(f"must end in one of {', '.join(suffixes)}").of(path)
     if pixels.ndim != 2 or pixels.dtype != kind or 0 in pixels.shape:
         raise InputError(f"must be of {kind} and two axes, got {pixels.dtype} of shape {pixels.shape}").of(path)
-    n_row, n_col = pixels.shape
-    spec = oiio.ImageSpec(n_col, n_row, 1, oiio.UINT16 if kind == np.uint16 else oiio.FLOAT)
+    _write_channels(path, pixels[..., None], _PLUGINS[suffix], meta)
+
+
+def _write_channels(path: Path, pixels: npt.NDArray[Any], plugin: str, meta: dict[str, Any]) -> None:
+    """Write an image, shape (row, column, channel), whole or not at all."""
+    import OpenImageIO as oiio
+
+    n_row, n_col, n_channel = pixels.shape
+    kinds = {"uint8": oiio.UINT8, "uint16": oiio.UINT16, "float32": oiio.FLOAT}
+    spec = oiio.ImageSpec(n_col, n_row, n_channel, kinds[str(pixels.dtype)])
     spec.attribute("ImageDescription", json.dumps(meta, default=plain_number))
     spec.attribute("DateTime", "")  # else it is that of writing
-    for name, value in _SETTINGS[_PLUGINS[suffix]].items():
+    settings = _SETTINGS[plugin] | (_UNFILTERED if pixels.dtype == np.uint8 else {})
+    for name, value in settings.items():
         spec.attribute(name, value)
     with whole_file_by_memory(path) as name:
         oiio.geterror()  # of calls before
-        file = oiio.ImageOutput.create(_PLUGINS[suffix])
+        file = oiio.ImageOutput.create(plugin)
         if file is None:
             raise OSError(f"{path}: cannot be written: {_one_line(oiio.geterror())}")
-        # An array of two axes would be taken for something else: the third is that of channels.
-        shaped = np.ascontiguousarray(pixels)[..., None]
-        if not (file.open(name, spec) and file.write_image(shaped) and file.close()):
+        if not (file.open(name, spec) and file.write_image(np.ascontiguousarray(pixels)) and file.close()):
             raise OSError(f"{path}: cannot be written: {_one_line(file.geterror())}")
 
 

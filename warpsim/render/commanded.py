@@ -46,10 +46,11 @@ class CommandedPointing:
         self.load()
         return checked
 
-    def apply(self, command: PointingCommand, frame: int) -> list[AppliedCommand]:
-        """Point sensors from a frame on."""
-        self.instrument, applied = apply_command(command, self._scenario, self.instrument, frame)
-        return applied
+    def planned(
+        self, command: PointingCommand, before: Instrument, frame: int
+    ) -> tuple[Instrument, list[AppliedCommand]]:
+        """Return the instrument, as it was before, pointed from a frame on, and what that does."""
+        return apply_command(command, self._scenario, before, frame)
 
     def restart(self) -> None:
         """Point as the scene says."""

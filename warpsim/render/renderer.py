@@ -20,6 +20,7 @@ from warpsim.render.commanded import CommandedPointing
 from warpsim.render.device import chosen_devices, kernel_loading, worker_count
 from warpsim.render.device_scene import Streaks
 from warpsim.render.device_upload import make_device_scene, with_pointing
+from warpsim.render.frame_stream import FrameStream
 from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.observation import observe
@@ -27,7 +28,7 @@ from warpsim.render.pipelines import Pipelines
 from warpsim.render.pool import pool_of
 from warpsim.render.request import Request, checked_rate, checked_request
 from warpsim.render.stars import Skies
-from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, FrameStream, Stream, StreamStats, stream_sizes
+from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, Stream, StreamStats, stream_sizes
 from warpsim.render.tiled_stars import with_stars_of
 from warpsim.render.truth import ImageAxes, truth_table
 from warpsim.scene.description import SceneDescription

@@ -11,7 +11,7 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -134,6 +134,7 @@ class Stream:
         self._next = self._lap = 0  # index of the frame to be rendered next, and passes through the frames before it
         self.latest = Handed(-1, math.nan, False)
         """The frame handed over last."""
+        self._commanded = 0  # place among the frames of the latest command: the next one comes no earlier
         self._changed = threading.Condition()  # guards all below, and the ring
         self._closed = self._finished = False
         self._error: BaseException | None = None
@@ -164,17 +165,27 @@ class Stream:
         """Point sensors from the next frame on that is not rendered yet; InputError where that cannot be."""
         if self._pointing is None or not is_ascending(self._frames):
             raise InputError("takes pointing commands only if its frames are in the order of time", "stream")
-        checked = self._pointing.checked(command)
-        with self._choosing:
-            if self._closed or self._next >= self._n_frame_in_all:
-                raise InputError("has no frame left to render", "stream")
-            self._enter_lap(self._next)
-            return self._pointing.apply(checked, self._frames[self._next % len(self._frames)])
+        checked, pointing, ahead = self._pointing.checked(command), self._pointing, 0
+        while True:  # slews take milliseconds to work out, and frames are rendered meanwhile
+            with self._choosing:
+                if self._closed or self._next >= self._n_frame_in_all:
+                    raise InputError("has no frame left to render", "stream")
+                self._enter_lap(self._next)
+                first, before = self._next % len(self._frames), pointing.instrument
+                frame = min(max(first + ahead, self._commanded), len(self._frames) - 1)
+                index = self._next - first + frame
+            after, applied = pointing.planned(checked, before, self._frames[frame])
+            with self._choosing:
+                if self._next <= index and pointing.instrument is before:
+                    pointing.instrument, self._commanded = after, frame
+                    return applied
+                ahead = max(2 * ahead, self._next - index)
 
     def _enter_lap(self, index: int) -> None:
         """Let every pass through the frames begin with the scene's pointing."""
         if self._pointing is not None and index // len(self._frames) != self._lap:
             self._pointing.restart()
+            self._commanded = 0
         self._lap = index // len(self._frames)
 
     def frames(self) -> Generator[FrameSet, None, None]:
@@ -268,53 +279,6 @@ class Stream:
             index += 1
         self._n_dropped += index - first
         return index
-
-
-class FrameStream(Iterator[FrameSet]):
-    """Frames in real time: an iterator of FrameSets of one frame each, whose sensors can be pointed meanwhile."""
-
-    def __init__(self, stream: Stream) -> None:
-        self._stream, self._frames = stream, stream.frames()
-
-    def __next__(self) -> FrameSet:
-        return next(self._frames)
-
-    def send(self, command: Any) -> list[AppliedCommand]:
-        """Point sensors: the next frame that is not rendered yet is the first that follows; from any thread.
-
-        The camera begins to turn at the time of that frame, from where it points then, with the `slew` of its
-        `pointing`; without one it points there at once. While it still slews, the command waits until it has settled; a
-        later command takes its place. The steps that `pointing` has for later times are given up. Frames are those of
-        a scene whose `pointing` is this schedule. Those rendered ahead come as they are: `n_ahead` says how many.
-
-        Args:
-            command: A dict of `sensor`, the name of a sensor, a kind or a pattern of names, and the fields of a
-                PointingStep but `start_s`: `track`, `ra_dec_deg` or `azimuth_elevation_deg`, `offset_px`, `roll_deg`.
-
-        Returns:
-            What was done, a row for each sensor: sensor, frame, start_s and settled_s (after the epoch) [s], and the
-            step of a schedule that repeats it.
-
-        Raises:
-            InputError: A field is unknown, or its value not valid; the sensor is not rendered, the target not there;
-                the slew is not possible within its limits or before the scene's end; no frame is left to render, or
-                frames are not in the order of time.
-        """
-        return self._stream.send(command)
-
-    @property
-    def stats(self) -> StreamStats:
-        """Statistics, so far."""
-        return self._stream.stats
-
-    @property
-    def latest(self) -> Handed:
-        """The frame handed over last: its number in the stream, when it was due, whether it was late."""
-        return self._stream.latest
-
-    def close(self) -> None:
-        """End the stream; so do the end of a loop over it, and an exception there."""
-        self._frames.close()
 
 
 def is_ascending(frames: Sequence[int]) -> bool:

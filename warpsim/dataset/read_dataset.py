@@ -1,0 +1,127 @@
+"""Reader of finished data sets of any format: rows of their images, labels of each, and counts."""
+
+from __future__ import annotations
+
+import io
+import json
+import tarfile
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.errors import InputError
+from warpsim.files import read_json
+from warpsim.labels.coco import coco_categories
+from warpsim.labels.table import read_parquet
+from warpsim.output.image_files import read_image
+from warpsim.output.output_folder import MANIFEST
+from warpsim.output.zarr_array import check_zarr
+from warpsim.scene.scene import Scene
+
+Columns = dict[str, npt.NDArray[Any]]
+Counts = npt.NDArray[np.uint16]
+
+IMAGES, TRUTH = "images.parquet", "truth.parquet"
+
+OPEN_FILES = 16
+"""Files of images that are held open at most."""
+
+
+def image_rows(images: Path, truth: Path) -> Iterator[tuple[dict[str, Any], Columns]]:
+    """Yield each row of a table of images, and the columns of its rows of the table of truth."""
+    table, labels = _columns(images), _columns(truth)
+    order = np.argsort(labels["image_id"], kind="stable")
+    labels = {name: column[order] for name, column in labels.items()}
+    firsts = np.searchsorted(labels["image_id"], table["image_id"])
+    ends = np.searchsorted(labels["image_id"], table["image_id"], side="right")
+    for first, end, *values in zip(firsts, ends, *(column.tolist() for column in table.values()), strict=True):
+        yield dict(zip(table, values, strict=True)), {name: column[first:end] for name, column in labels.items()}
+
+
+def _columns(path: Path) -> Columns:
+    table = read_parquet(path)
+    return {name: np.asarray(table[name]) for name in table.colnames}
+
+
+class DatasetReader:
+    """A complete data set.
+
+    Args:
+        folder: As `write_dataset` left it.
+
+    Raises:
+        InputError: It holds no complete data set.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        manifest = read_json(folder / MANIFEST)
+        if not isinstance(manifest, dict) or not {"recipe", "splits"} <= manifest.keys():
+            raise InputError(f"holds no complete data set: {MANIFEST} of `warpsim dataset` is missing").of(folder)
+        self.key: str = manifest["key"]
+        self.recipe: dict[str, Any] = manifest["recipe"]
+        self.splits: dict[str, list[int]] = manifest["splits"]
+        """Numbers of the sequences of each."""
+        scene = Scene.from_dict(self.recipe["scene"])
+        self.class_names = [category["name"] for category in coco_categories(scene)]
+        self.band_names: list[str] = self.recipe.get("bands") or list(
+            dict.fromkeys(band for sensor in scene.sensors for band in sensor.bands)
+        )
+        self.title = scene.description or scene.name
+        self.interval_s = self.recipe.get("interval_s") or scene.frames.interval_s
+        self._opened = lru_cache(maxsize=OPEN_FILES)(_opened)
+
+    def sequences(self, split: str) -> Iterator[list[tuple[dict[str, Any], Columns]]]:
+        """Yield the images of each sequence of a split, with the columns of their targets."""
+        home = self.folder / split
+        n_sequence = 0
+        for path in sorted([*home.glob(f"*/{IMAGES}"), *home.glob(f"*.{IMAGES}")]):
+            found: dict[int, list[tuple[dict[str, Any], Columns]]] = {}
+            for row, labels in image_rows(path, path.with_name(path.name.replace(IMAGES, TRUTH))):
+                found.setdefault(row["sequence"], []).append((row, labels))
+            n_sequence += len(found)
+            yield from found.values()
+        if n_sequence != len(self.splits[split]):
+            rule = f"must have tables of {len(self.splits[split])} sequences, got {n_sequence}"
+            raise InputError(f"{rule}; the same `warpsim dataset` makes what is missing").of(home)
+
+    def counts(self, row: dict[str, Any]) -> Counts:
+        """Return the counts of an image, shape (row, column)."""
+        return np.asarray(self._opened(self.folder / row["file"])(row["item"]), dtype=np.uint16)
+
+
+def _opened(path: Path) -> Callable[[str], npt.NDArray[Any]]:
+    """Open a file of images; return what reads one by its `item` in the table of images."""
+    if path.suffix in (".png", ".tif"):
+        return lambda item: read_image(path)[0]
+    if path.suffix == ".fits":
+        from astropy.io import fits
+
+        cube = fits.open(path)[0]
+        return lambda item: np.asarray(cube.section[json.loads(item)[0]])
+    if path.suffix == ".tar":
+        return _tar_reader(path)
+    check_zarr()
+    import zarr
+
+    array: Any = zarr.open_array(store=zarr.storage.LocalStore(path), mode="r")
+    return lambda item: np.asarray(array[tuple(json.loads(item))])
+
+
+def _tar_reader(path: Path) -> Callable[[str], npt.NDArray[Any]]:
+    tar = tarfile.open(path)  # noqa: SIM115
+
+    @lru_cache(maxsize=4)  # of the frames that one picture may show
+    def bands_of(member: str) -> npt.NDArray[Any]:
+        file = tar.extractfile(member)
+        return np.asarray(np.load(io.BytesIO(file.read() if file else b"")))
+
+    def read(item: str) -> npt.NDArray[Any]:
+        member, _, band = item[:-1].partition("[")
+        return np.asarray(bands_of(member)[int(band)])
+
+    return read
