@@ -63,24 +63,23 @@ def test_one_scan_for_each_time_sensor_or_image(frames, truth):
                 assert len({detection.metadata[name] for detection in detections}) == 1
 
 
+def pairs_of(main):
+    """Detections and their rows, one of each scan."""
+    scans = ws.stonesoup.detections(main, scan="sensor")
+    return [(*scan, row) for (_, scan), row in zip(scans, main.group_by(["date_obs", "sensor"]), strict=True)]
+
+
 def test_a_detection_says_what_its_row_says(main):
-    for (_, detections), row in zip(
-        ws.stonesoup.detections(main, scan="sensor"), main.group_by(["date_obs", "sensor"]), strict=True
-    ):
-        (detection,) = detections
-        np.testing.assert_allclose(
-            np.degrees(detection.state_vector.astype(float).ravel()),
-            [row["dec_deg"], (row["ra_deg"] + 180) % 360 - 180],
-            rtol=1e-14,
-        )
+    for detection, row in pairs_of(main):
+        angles_deg = np.degrees(detection.state_vector.astype(float).ravel())
+        np.testing.assert_allclose(angles_deg, [row["dec_deg"], (row["ra_deg"] + 180) % 360 - 180], rtol=1e-14)
         assert {name: detection.metadata[name] for name in ("sensor", "band", "target", "frame")} == {
             "sensor": row["sensor"], "band": "A", "target": row["target"], "frame": row["frame"],
         }  # fmt: skip
         covar = np.degrees(np.degrees(detection.measurement_model.covar()))
         dec, across = row["dec_sigma_deg"], row["ra_cosdec_sigma_deg"] / np.cos(np.radians(row["dec_deg"]))
-        np.testing.assert_allclose(
-            covar, [[dec**2, row["ra_dec_corr"] * dec * across], [row["ra_dec_corr"] * dec * across, across**2]]
-        )
+        both = row["ra_dec_corr"] * dec * across
+        np.testing.assert_allclose(covar, [[dec**2, both], [both, across**2]])
 
 
 LINE_RAD = 1e-9
@@ -97,10 +96,7 @@ def states_at(scene, found, time_s, h_s=0.05):
 def test_the_model_says_where_the_target_is_seen(frames, main):
     """Of the state at the time of the frame, not when the light left: 50 m and more between."""
     off = {"light time": [], "none": []}
-    for (_, detections), row in zip(
-        ws.stonesoup.detections(main, scan="sensor"), main.group_by(["date_obs", "sensor"]), strict=True
-    ):
-        (detection,) = detections
+    for detection, row in pairs_of(main):
         vector = states_at(frames.scenario, main, np.array([row["time_s"]]))[0]
         model = detection.measurement_model
         plain = CartesianToElevationBearing(
@@ -136,7 +132,7 @@ def test_the_model_takes_many_states_and_its_derivatives(main, frames, turned):
         np.testing.assert_allclose(got[:, columns], expected[:, columns], atol=DERIVATIVE * largest)
 
 
-def test_without_velocities_it_is_stone_soups_own_model(main, frames):
+def test_without_velocities_it_is_stone_soups_own_model(main):
     for _, detections in ws.stonesoup.detections(main, mapping=(0, 1, 2), velocity_mapping=None, ndim_state=3):
         for detection in detections:
             model, state = detection.measurement_model, State(np.array([1e6, 2e6, 7e6]))
@@ -230,15 +226,11 @@ def test_stone_soups_reader_reads_detections_from_a_parquet_file(frames, tmp_pat
 
 
 def test_truth_scores_perfect_tracks(frames, truth):
-    fields = {"track": "target", "date_obs": "date_obs"}
     one = truth[(truth["sensor"] == "sat11") & (truth["band"] == "A")]
-    found = one[list(fields.values())].copy()
-    found.rename_columns(list(fields.values()), list(fields))
-    for number, axis in enumerate(AXES):
-        found[f"{axis}_m"] = 0.0
-        for name in np.unique(one["target"]):
-            rows = one["target"] == name
-            found[f"{axis}_m"][rows] = frames.scenario.position_m(str(name), one["time_s"][rows])[:, number]
+    found = one["target", "date_obs"]
+    found.rename_column("target", "track")
+    place = [frames.scenario.position_m(str(row["target"]), [row["time_s"]])[0] for row in one]
+    found["x_m"], found["y_m"], found["z_m"] = np.transpose(place)
     score = ws.evaluate.tracks(found, truth, cutoff_m=100.0)
     assert score.completeness == 1.0 and score.ospa_m < STATE_M and score.position_m < STATE_M
 

@@ -73,17 +73,12 @@ def detections(
         "covar_rad2": _covariances_rad2(found, angles_deg[:, 0]),
         "sensor_m": numbers(found, ("sensor_x_m", "sensor_y_m", "sensor_z_m"), "found"),
     }
-    names = [name for name in _METADATA if has_column(found, name)]
-    columns = [column(found, name, "found").tolist() for name in names]
-    metadata = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)] or [{}] * len(angles_deg)
+    known = [name for name in _METADATA if has_column(found, name)]
+    columns = [column(found, name, "found").tolist() for name in known]
+    metadata = [dict(zip(known, row, strict=True)) for row in zip(*columns, strict=True)] or [{}] * len(angles_deg)
     model = {"mapping": tuple(mapping), "velocity_mapping": velocity_mapping, "ndim_state": ndim_state}
-    keys = list(
-        zip(
-            dates(found, "date_obs", "found").tolist(),
-            *(column(found, name, "found").tolist() for name in _SCAN_COLUMNS[scan]),
-            strict=True,
-        )
-    )
+    times, names = dates(found, "date_obs", "found").tolist(), _SCAN_COLUMNS[scan]
+    keys = list(zip(times, *(column(found, name, "found").tolist() for name in names), strict=True))
     order = sorted(range(len(keys)), key=keys.__getitem__)
     scans = [(key[0], list(rows)) for key, rows in itertools.groupby(order, key=keys.__getitem__)]
     reader: DetectionReader = readers.TableDetectionReader(scans, values, metadata, model)

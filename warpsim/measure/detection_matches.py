@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.measure.matching import F64, I64, Pairs, assign, near_pairs
-from warpsim.measure.rows import column, has_column, numbers
+from warpsim.measure.rows import column, flags, has_column, numbers
 
 Flags = npt.NDArray[np.bool_]
 Images = dict[tuple[Any, ...], int]
@@ -104,7 +104,7 @@ def _truth(table: Any, least_snr: float) -> tuple[Images, Truth]:
     names = ("x_px", "y_px", "irradiance_w_cm2", "snr")
     x_px, y_px, light, snr = (column(table, name, "truth").astype(np.float64) for name in names)
     bright = np.isfinite(x_px) & np.isfinite(y_px) & (light > 0.0)
-    counts = bright & column(table, "in_fov", "truth").astype(bool) & (snr >= least_snr)
+    counts = bright & flags(table, "in_fov", "truth") & (snr >= least_snr)
     return images, Truth(image, np.stack([x_px, y_px], axis=1), light, bright, counts, _clumps(table, image, bright))
 
 

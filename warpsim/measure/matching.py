@@ -62,9 +62,11 @@ def assign(pairs: Pairs, n_left: int, n_right: int) -> I64:
     graph = coo_array((np.ones(len(pairs.left)), (pairs.left, n_left + pairs.right)), shape=(size, size))
     _, label = connected_components(graph, directed=False)
     group = label[pairs.left]
-    order = np.argsort(group, kind="stable")
-    starts = np.flatnonzero(np.r_[True, np.diff(group[order]) > 0])
-    for rows in np.split(order, starts[1:]):
+    single = np.bincount(group)[group] == 1
+    partner[pairs.left[single]] = pairs.right[single]
+    order = np.flatnonzero(~single)
+    order = order[np.argsort(group[order], kind="stable")]
+    for rows in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
         _assign_group(pairs.where(rows), partner)
     return partner
 
@@ -73,8 +75,7 @@ def _assign_group(pairs: Pairs, partner: I64) -> None:
     """Assign the points of pairs that hang together."""
     from scipy.optimize import linear_sum_assignment
 
-    if len(pairs.left) == 1:
-        partner[pairs.left] = pairs.right
+    if not len(pairs.left):
         return
     left, row = np.unique(pairs.left, return_inverse=True)
     right, col = np.unique(pairs.right, return_inverse=True)

@@ -16,7 +16,7 @@ F64 = npt.NDArray[np.float64]
 
 
 def column(table: Any, name: str, where: str) -> npt.NDArray[Any]:
-    """A column as an array, texts as texts of NumPy; masked numbers are NaN.
+    """A column as an array, texts as texts of NumPy; masked numbers are NaN, masked texts empty.
 
     Raises:
         InputError: The table, which is the argument `where`, has no such column.
@@ -26,8 +26,10 @@ def column(table: Any, name: str, where: str) -> npt.NDArray[Any]:
     except (KeyError, ValueError, IndexError, TypeError):
         raise InputError(f"must have the column {name}", where) from None
     if np.ma.isMaskedArray(values):
-        is_number = values.dtype.kind in "fiu" and np.ma.is_masked(values)
-        values = np.ma.filled(values.astype(np.float64), np.nan) if is_number else np.ma.filled(values)
+        if values.dtype.kind in "fiu" and np.ma.is_masked(values):
+            values = values.astype(np.float64)
+        fill: Any = {"f": np.nan, "U": ""}.get(values.dtype.kind)
+        values = np.ma.filled(values, fill)
     array = np.asarray(values)
     if array.dtype.kind == "S":
         return np.char.decode(array, "utf-8")
@@ -45,6 +47,12 @@ def column_names(table: Any) -> list[str]:
 def has_column(table: Any, name: str) -> bool:
     """Whether a table has a column."""
     return name in column_names(table)
+
+
+def flags(table: Any, name: str, where: str) -> npt.NDArray[np.bool_]:
+    """A column of yes and no, also as the texts that files of text have."""
+    values = column(table, name, where)
+    return values == "True" if values.dtype.kind == "U" else values.astype(bool)
 
 
 def numbers(table: Any, names: Sequence[str], where: str) -> F64:
