@@ -24,7 +24,7 @@ def expected(scene):
 
 def pipelines_of(renderer, bands):
     """The pipelines of a renderer that have had work."""
-    return [pipeline for pipeline in renderer._pipelines["sensor", bands]._pipelines if pipeline is not None]
+    return [pipeline for pipeline in renderer._pipelines["sensor", bands, False]._pipelines if pipeline is not None]
 
 
 @pytest.mark.parametrize("devices", [["cpu"], ["cpu", "cpu"], ("cpu", "cpu", "cpu")])

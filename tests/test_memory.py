@@ -173,7 +173,7 @@ def test_results_that_are_held_are_never_overwritten(scene):
         assert set(frames.truth["frame"]) == set(frames.frames)
     del held, truths, frames, kept, array
     gc.collect()
-    assert renderer.buffer_bytes > renderer._pipelines["sensor", ("A",)].n_byte
+    assert renderer.buffer_bytes > renderer._pipelines["sensor", ("A",), False].n_byte
 
 
 def test_a_renderer_does_not_hold_its_latest_result(scene):
