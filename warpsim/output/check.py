@@ -32,6 +32,9 @@ RIGHT_ANGLE_DEFLECTION_ARCSEC = 4.07e-3
 """Bending of light 90 degrees from the Sun, seen from the Earth; elsewhere divided by tan(angle / 2)."""
 LIMB_DEFLECTION_ARCSEC = 1.75
 
+MOST_LEFT_OUT = 20
+"""Element sets left out that are listed."""
+
 _GROUP_SAMPLES = 400
 """Times at which the altitude of a group is looked at."""
 
@@ -51,6 +54,7 @@ def scene_report(scenario: Scenario) -> str:
         f"  epoch      {scenario.epoch.isot} UTC, {scene.duration_s:g} s",
         *_unused_lines(scenario),
         *_sky_lines(scenario, catalogs, skies.tiles),
+        *_left_out_lines(scenario),
         *_orbit_lines(scenario),
     ]
     for group in scene.groups:
@@ -164,6 +168,17 @@ def _orbit_lines(scenario: Scenario) -> list[str]:
         missed = f"near {rough.error_at_s:.6g} s interpolation is {rough.error_m * 1e3:.2g} mm off"
         lines.append(f"  warning    {rough.name} moves unevenly: {missed}")
     return lines
+
+
+def _left_out_lines(scenario: Scenario) -> list[str]:
+    """Element sets that the scene does without: how many, and the first of them."""
+    table = scenario.left_out
+    shown = [
+        f"             {row['name']}, {row['location']} of {row['part'] or 'the orbits'}: {row['reason']}"
+        for row in table[:MOST_LEFT_OUT]
+    ]
+    more = [f"             and {len(table) - len(shown):,} more (Scenario.left_out)"] if len(table) > len(shown) else []
+    return [f"  left out   {counted(len(table), 'element set')}", *shown, *more] if len(table) else []
 
 
 def _group_lines(group: TargetGroup, scenario: Scenario) -> list[str]:
