@@ -354,7 +354,7 @@ def reader(monkeypatch):
         ("warpsim.exchange", "none", None),
         ("warpsim.exchange.source", "read_source", lambda path: SimpleNamespace(data=b"rows")),
         ("warpsim.exchange.read_files", "attitude_of", lambda source: segments),
-        ("warpsim.orbit.earth", "attitude_in_gcrs", lambda segment, epoch: (segment.time_s, segment.quaternion)),
+        ("warpsim.orbit.earth", "attitude_in_gcrs", lambda segment, epoch: (segment.time_s, segment.quaternion, None)),
     ]:
         module = ModuleType(name)
         setattr(module, function, body)

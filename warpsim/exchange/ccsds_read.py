@@ -33,7 +33,7 @@ from warpsim.exchange.source import (
     read_xml,
     whole_number_of,
 )
-from warpsim.quaternion import conjugate
+from warpsim.quaternion import conjugate, product, rotated
 
 F64 = NDArray[np.float64]
 
@@ -276,17 +276,37 @@ def _attitude(source: SourceFile, segment: _MessageSegment, version: float) -> A
     frame, body_frame, a_is_body = _attitude_frames(source, meta)
     common = _common_fields(source, segment, "INTERPOLATION_METHOD")
     kind = meta["ATTITUDE_TYPE"].text.upper().replace(" ", "_").replace("EULER_ANGLES", "EULER_ANGLE")
+    rates = None
     if kind in _N_QUATERNION_CELLS:
-        quaternion = _quaternions(source, segment, kind, version)
+        quaternion, rates = _quaternions(source, segment, kind, version)
     elif kind == "EULER_ANGLE":
         quaternion = _from_euler_angles(source, segment)
     else:
         known = ", ".join((*_N_QUATERNION_CELLS, "EULER_ANGLE"))
         raise source.error(meta["ATTITUDE_TYPE"].line, f"must be one of {known}", "ATTITUDE_TYPE", kind)
     # A quaternion of A to B turns components in B into those in A (it is the turn that carries A's axes to B's).
-    if a_is_body != _goes_backwards(source, segment, version):
-        quaternion = conjugate(quaternion)
-    return AttitudeSegment(frame=frame, body_frame=body_frame, quaternion=quaternion, **common)
+    backwards = a_is_body != _goes_backwards(source, segment, version)
+    turned = conjugate(quaternion) if backwards else quaternion
+    rate_rad_s = None
+    if kind == "QUATERNION/DERIVATIVE" and rates is not None:
+        rate_rad_s = 2.0 * product(conjugate(turned), conjugate(rates) if backwards else rates)[:, :3]
+    elif rates is not None:
+        rate_rad_s = _body_rates(source, meta, np.radians(rates), turned, a_is_body)
+    return AttitudeSegment(frame=frame, body_frame=body_frame, quaternion=turned, rate_rad_s=rate_rad_s, **common)
+
+
+def _body_rates(source: SourceFile, meta: dict[str, _KeywordValue], rate: F64, quaternion: F64, a_is_body: bool) -> F64:
+    """Angular velocities of the body in its own axes, from those of frame B relative to A in the axes of either."""
+    stated = meta.get("ANGVEL_FRAME", meta.get("RATE_FRAME"))
+    in_body = True
+    if stated is not None:
+        names = {"REF_FRAME_A": "A", meta["REF_FRAME_A"].text.upper(): "A"}
+        names |= {"REF_FRAME_B": "B", meta["REF_FRAME_B"].text.upper(): "B"}
+        if stated.text.upper() not in names:
+            raise source.error(stated.line, "must be REF_FRAME_A or REF_FRAME_B", "ANGVEL_FRAME", stated.text)
+        in_body = (names[stated.text.upper()] == "A") == a_is_body
+    rate = rate if in_body else rotated(conjugate(quaternion), rate)
+    return -rate if a_is_body else rate
 
 
 def _check_center(source: SourceFile, center: _KeywordValue) -> None:
@@ -361,8 +381,8 @@ def _goes_backwards(source: SourceFile, segment: _MessageSegment, version: float
     return direction.text.upper() == "B2A"
 
 
-def _quaternions(source: SourceFile, segment: _MessageSegment, kind: str, version: float) -> F64:
-    """Quaternions of the rows, scalar last; rates beside them are checked and left out."""
+def _quaternions(source: SourceFile, segment: _MessageSegment, kind: str, version: float) -> tuple[F64, F64 | None]:
+    """Quaternions of the rows, scalar last, and what stands beside them: derivatives of these, or rates [deg/s]."""
     rows, order = segment.rows, segment.meta.get("QUATERNION_TYPE")
     n_cell = 5 if source.is_xml else _N_QUATERNION_CELLS[kind]
     check_cells(source, rows, (n_cell,), "a date, a quaternion, and its rate where ATTITUDE_TYPE says so")
@@ -370,12 +390,16 @@ def _quaternions(source: SourceFile, segment: _MessageSegment, kind: str, versio
     if order is None:
         if version < 2.0 and not source.is_xml:
             raise source.error(segment.line, "must have QUATERNION_TYPE", "metadata")
-        return values[:, :4]
+        return values[:, :4], values[:, 4:] if n_cell > 5 else None
     if order.text.upper() not in ("FIRST", "LAST"):
         raise source.error(order.line, "must be FIRST or LAST", "QUATERNION_TYPE", order.text)
     # In XML the components have names, so their order says nothing.
     first = order.text.upper() == "FIRST" and not source.is_xml
-    return values[:, [1, 2, 3, 0]] if first else values[:, :4]
+    if n_cell == 5:
+        return (values[:, [1, 2, 3, 0]] if first else values), None
+    if n_cell == 8:
+        return values[:, [1, 2, 3, 0]] if first else values[:, :4], values[:, 4:]
+    return values[:, [1, 2, 3, 0]] if first else values[:, :4], values[:, [5, 6, 7, 4]] if first else values[:, 4:]
 
 
 def _from_euler_angles(source: SourceFile, segment: _MessageSegment) -> F64:

@@ -186,6 +186,9 @@ class AttitudeSegment:
 
     interpolation: Interpolation | None = None
     degree: int | None = None
+    rate_rad_s: F64 | None = None
+    """Angular velocities relative to the reference axes, in the body's axes [rad/s], shape (n, 3)."""
+
     useable: FileInstants | None = None
     time_system: str = "UTC"
     file: str = ""
@@ -194,6 +197,8 @@ class AttitudeSegment:
 
     def __post_init__(self) -> None:
         _check_common(self, "quaternion", self.quaternion, 4)
+        if self.rate_rad_s is not None:
+            _check_array("rate_rad_s", self.rate_rad_s, (len(self.instants), 3), self)
         with np.errstate(over="ignore", under="ignore"):  # infinity and 0 are no norm of 1 either
             norm = np.linalg.norm(self.quaternion, axis=1)
         bad = np.abs(norm - 1.0) > _NORM_SLACK

@@ -97,7 +97,7 @@ def read_stk_ephemeris(source: SourceFile) -> list[EphemerisSegment]:
 
 
 def read_stk_attitude(source: SourceFile) -> list[AttitudeSegment]:
-    """The segment of an attitude file. Rates are left out."""
+    """The segment of an attitude file."""
     block = _read_block(source, "Attitude", _ATTITUDE_KEYWORDS, _ATTITUDE_DATA)
     frame, epoch = _frame_and_epoch(source, block, "CoordinateAxes", "CoordinateAxesEpoch")
     values = _checked_values(source, block, _ATTITUDE_DATA[block.data], "NumberOfAttitudePoints")
@@ -111,6 +111,7 @@ def read_stk_attitude(source: SourceFile) -> list[AttitudeSegment]:
             instants=later(epoch, values[:, 0]),
             # STK's quaternion of the reference axes to the body's is the turn that carries the former to the latter.
             quaternion=values[:, order],
+            rate_rad_s=np.radians(values[:, 5:8]) if values.shape[1] == 8 else None,  # of the body, in its axes
             file=source.file,
             line=block.line,
             lines=np.array(block.rows.lines, np.int64),

@@ -10,6 +10,7 @@ from warpsim.instant import instant_after
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
 from warpsim.orbit.sampling import TRACK_ERROR_M
+from warpsim.output.check_attitudes import target_attitude_lines
 from warpsim.output.check_sensor import sensor_lines
 from warpsim.output.check_views import count_replaced, replaced_text
 from warpsim.output.wording import counted
@@ -59,7 +60,7 @@ def scene_report(scenario: Scenario) -> str:
     ]
     for group in scene.groups:
         lines += _group_lines(group, scenario)
-    lines += _heat_lines(scenario)
+    lines += [*target_attitude_lines(scenario), *_heat_lines(scenario)]
     several = len(scenario.instruments) > 1
     for instrument in scenario.instruments.values():
         carried = f"  sensor     {instrument.sensor.name} on {counted(len(instrument.names), 'satellite')}"

@@ -11,10 +11,12 @@ import numpy.typing as npt
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.directions import normalised
 from warpsim.optics.camera import Camera
+from warpsim.quaternion import rotated
 from warpsim.scene.pointing import Up
 from warpsim.scene.pointing_table import DirectionRows
 from warpsim.scene.tracks import Tracks
 from warpsim.sky.apparent import apparent_direction
+from warpsim.target.attitude_table import AttitudeRows
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -29,10 +31,10 @@ class PointingLaw:
     """Pointing law: the direction that a boresight tracks, and the roll of the image about it."""
 
     kind: str
-    """track, fixed or scan."""
+    """track, fixed, scan or attitude."""
     up: Up
     turn: F64
-    """What roll and offset make of camera axes that look straight at it, shape (3, 3)."""
+    """What roll and offset make of camera axes that look straight at it, or of the body's axes, shape (3, 3)."""
     targets: range = range(0)
     """track: indices of the targets, whose mean direction is tracked."""
     direction: F64 | None = None
@@ -98,9 +100,15 @@ def _shortest_turn(offset_px: tuple[float, float], camera: Camera) -> F64:
     return np.asarray(np.eye(3) + across + across @ across / (1.0 + z))
 
 
-def law_axes(law: PointingLaw, scan: DirectionRows | None, tracks: Tracks, at: SatelliteState) -> CommandedAxes:
-    """Return the axes that a law gives."""
+def law_axes(
+    law: PointingLaw, rows: DirectionRows | AttitudeRows | None, tracks: Tracks, at: SatelliteState
+) -> CommandedAxes:
+    """Return the axes that a law gives; rows are those of a scan, or of the attitude of the body."""
     n = len(at.time_s)
+    if isinstance(rows, AttitudeRows):
+        body = rotated(rows.at(np.clip(at.time_s, *rows.span_s))[:, None], np.eye(3))
+        nothing = np.zeros(n, dtype=bool)
+        return CommandedAxes(np.asarray(law.turn @ body), nothing, nothing.copy())
     zenith, normal = normalised(at.position_m), normalised(np.cross(at.position_m, at.velocity_m_s))
     forward = np.cross(normal, zenith)
     roll, local = np.broadcast_to(law.roll_rad, (n,)), law.local
@@ -109,8 +117,8 @@ def law_axes(law: PointingLaw, scan: DirectionRows | None, tracks: Tracks, at: S
     elif law.kind == "fixed":
         boresight = np.broadcast_to(np.asarray(law.direction), (n, 3))
     else:
-        assert scan is not None  # by the kind
-        (boresight, roll), local = scan.scan_at(at.time_s), scan.local
+        assert rows is not None  # by the kind
+        (boresight, roll), local = rows.scan_at(at.time_s), rows.local
     if local:
         boresight = normalised(np.einsum("ni,nij->nj", boresight, np.stack([forward, -normal, zenith], axis=1)))
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from warpsim.arguments import frame_numbers
 from warpsim.detector.levels import Levels, levels
 from warpsim.errors import InputError, errors_at
+from warpsim.instant import instant
 from warpsim.optics.psf import Psf
 from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.intervals import Intervals
@@ -183,8 +184,9 @@ class Instrument:
         sensors = list(zip(self.names, self.satellite_names, strict=True))
         bodies, sensor = self._bodies, self.sensor
         return make_program(
-            sensor.pointing, sensors, sensor.camera, bodies.targets, bodies.group_names, bodies.body_names
-        )
+            sensor.pointing, sensors, sensor.camera, bodies.targets, bodies.group_names, bodies.body_names,
+            instant(self._scene.epoch_utc),
+        )  # fmt: skip
 
     def check_frames(self, time_s: F64) -> None:
         """Check that the commanded pointing covers the times of frames; InputError where it does not."""
