@@ -84,8 +84,7 @@ class _Message(NamedTuple):
 
 def is_ccsds(source: SourceFile) -> bool:
     """Return whether a file looks like a CCSDS message, in either notation."""
-    head = source.data[:4096].lstrip(b"\xef\xbb\xbf \t\r\n")
-    return source.is_xml or re.match(rb"(COMMENT[^\n]*\n\s*)*CCSDS_[A-Z]+_VERS", head) is not None
+    return source.is_xml or re.match(r"(\s*COMMENT[^\n]*\n)*\s*CCSDS_[A-Z]+_VERS", source.head) is not None
 
 
 def read_message(source: SourceFile, kind: str, known: Mapping[str, bool]) -> _Message:
@@ -260,12 +259,16 @@ def _ephemeris(source: SourceFile, segment: _MessageSegment) -> EphemerisSegment
     _check_center(source, meta["CENTER_NAME"])
     with source.at(meta["REF_FRAME"].line, "REF_FRAME"):
         frame = known_ccsds_frame(meta["REF_FRAME"].text)
-    if "REF_FRAME_EPOCH" in meta and frame not in ("GCRF", "EME2000"):
+    if "REF_FRAME_EPOCH" in meta and frame not in ("GCRF", "EME2000", "ITRF"):  # which do not depend on it
         line = meta["REF_FRAME_EPOCH"].line
         raise source.error(line, f"must not be given, {frame} is read as of date", "REF_FRAME_EPOCH")
-    check_cells(source, rows, (7, 10), "a date, position, velocity, and acceleration or none")
+    for row, line in zip(rows.cells, rows.lines, strict=True):
+        if len(row) not in (7, 10):
+            rule = "must have 7 or 10 values (a date, position, velocity, and acceleration or none)"
+            raise source.error(line, rule, value=len(row))
     common = _common_fields(source, segment, "INTERPOLATION")
-    values = 1e3 * numbers_of(source, rows, 1, len(rows.cells[0]) - 1)
+    values = 1e3 * numbers_of(source, rows, 1, 6)
+    _ = numbers_of(source, Rows([row[7:] or ["0"] * 3 for row in rows.cells], rows.lines), 0, 3)  # accelerations
     return EphemerisSegment(frame=frame, position_m=values[:, :3], velocity_m_s=values[:, 3:6], **common)
 
 

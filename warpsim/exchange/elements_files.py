@@ -16,7 +16,6 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from warpsim.errors import InputError
@@ -33,7 +32,7 @@ from warpsim.exchange.element_set import (
     tle_records,
 )
 from warpsim.exchange.instants import mjd_and_second
-from warpsim.exchange.source import read_xml
+from warpsim.exchange.source import read_source, read_xml
 
 Message = tuple[dict[str, str], str, InputError | None]
 """Keyword to text, the line or record of the message, and what is wrong with its layout."""
@@ -91,12 +90,10 @@ def read_element_sets(path: str | os.PathLike[str]) -> list[ElementSet]:
 
 def read_element_records(path: str | os.PathLike[str]) -> list[ElementRecord]:
     """Find the element sets of a file, in its order, without parsing their numbers."""
+    source = read_source(path)
+    source.check_kind()
     try:
-        return element_records(Path(path).read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}").of(path) from None
-    except UnicodeDecodeError:
-        raise InputError("is not UTF-8 text").of(path) from None
+        return element_records(source.text)
     except InputError as error:
         raise error.of(path) from None
 

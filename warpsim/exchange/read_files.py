@@ -108,14 +108,14 @@ def _read(source: SourceFile) -> ColumnTable:
     """The table of a file, whose last line must be closed."""
     source.lines()
     with source.at(0):
-        if b"\x00" in source.data:
+        if "\0" in source.text:
             raise InputError("must be an OEM, AEM, STK or table of text, got binary data")
-        if re.match(rb"\s*#\s*%ECSV", source.data.removeprefix(b"\xef\xbb\xbf")):
-            table = read_ecsv(source.data)
+        if re.match(r"\s*#\s*%ECSV", source.text):
+            table = read_ecsv(source.text.encode())
             if any(not hasattr(table.table[name], "dtype") for name in table.table.colnames):
                 raise InputError("must have plain columns, got some of ECSV's own kinds (Time, SkyCoord, ...)")
         else:
-            table = read_delimited(source.data)
+            table = read_delimited(source.text.encode())
         if len(table) == 0:
             raise InputError("must hold at least one row, got none")
     return table
@@ -193,6 +193,7 @@ def read_ephemeris(path: str | os.PathLike[str], object: str | None = None) -> l
 
 def ephemeris_of(source: SourceFile, object: str | None = None) -> list[EphemerisSegment]:
     """Like read_ephemeris(), of a file that has been read."""
+    source.check_kind()
     with np.errstate(over="ignore"):  # infinity is refused with its line
         if is_ccsds(source):
             segments = read_oem(source)
@@ -223,6 +224,7 @@ def read_attitude(path: str | os.PathLike[str]) -> list[AttitudeSegment]:
 
 def attitude_of(source: SourceFile) -> list[AttitudeSegment]:
     """Like read_attitude(), of a file that has been read."""
+    source.check_kind()
     with np.errstate(over="ignore"):
         if is_ccsds(source):
             return read_aem(source)

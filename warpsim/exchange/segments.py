@@ -94,6 +94,9 @@ class EphemerisSegment:
     useable: FileInstants | None = None
     """First and last useable instant; None: all of it."""
 
+    sampled: bool = False
+    """Whether the states are samples of a path known between them, as dense as it needs."""
+
     time_system: str = "UTC"
     """Of the file's dates; writers use it again."""
 

@@ -39,6 +39,9 @@ F64 = NDArray[np.float64]
 Span = tuple[float, float]
 """First and last time [s since the epoch]."""
 
+LOWEST_HERMITE = 3
+"""Lowest degree of Hermite's polynomials through two rows."""
+
 FREE_FLIGHT_S = 60.0
 """How far beyond the ends of its span a motion goes on."""
 
@@ -223,7 +226,7 @@ class _Path:
         for segment in self.segments:
             row_s = segment.instants.since(epoch)
             rows = np.flatnonzero((row_s[1:] > first_s) & (row_s[:-1] < last_s))
-            if rows.size:
+            if rows.size and not segment.sampled:
                 middle_s = 0.5 * (row_s[rows] + row_s[rows + 1])
                 missed_m = sampling_error(row_s, *_table(segment), middle_s)
                 at = rows[int(np.argmax(missed_m))]
@@ -268,7 +271,10 @@ def _table(segment: EphemerisSegment) -> tuple[F64, F64 | None, Interpolation, i
     """Positions, velocities, method and degree, as `interpolate` takes them."""
     usual: Interpolation = "lagrange" if segment.velocity_m_s is None else "hermite"
     method = segment.interpolation or usual
-    return segment.position_m, segment.velocity_m_s, method, segment.degree or DEFAULT_DEGREE
+    degree = segment.degree or DEFAULT_DEGREE
+    if method == "hermite":  # lower degrees go on from one row alone, whatever the next one says
+        degree = max(degree, LOWEST_HERMITE)
+    return segment.position_m, segment.velocity_m_s, method, degree
 
 
 def _shown(epoch: Epoch, time_s: float) -> str:
