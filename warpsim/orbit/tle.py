@@ -216,7 +216,7 @@ class TleOrbit(_FromElementSets):
     """The same as text, line by line."""
     object: Selector | None = None
     """Its name or catalog number; may be left out where the source has one object only."""
-    kind: Literal["tle_orbit"] = "tle_orbit"
+    kind: Literal["tle_orbit", "tle"] = "tle_orbit"
 
     @model_validator(mode="after")
     def _one_source(self) -> TleOrbit:
