@@ -90,6 +90,13 @@ def stk(kind, keywords, rows):
     )
 
 
+def test_dates_of_stk_are_asked_for_in_its_own_form(orbits):
+    with pytest.raises(
+        ws.InputError, match=r"ScenarioEpoch: must be a date like 20 Mar 2025 12:00:00\.0, got '20/3/25"
+    ):
+        orbits(stk("EphemerisTimePos", "", [[0.0, 7e6, 0.0, 0.0]]).replace("20 Mar 2025", "20/3/25"))
+
+
 FLIGHT = [[0.0, 10.0, -16.0, 1000.0], [3600.0, 14.0, -14.0, 9000.0], [7200.0, 12.0, -9.0, 9500.0]]
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.errors import InputError
 from warpsim.exchange.geodetic import geodetic_to_itrf_m, great_arcs
 from warpsim.exchange.instants import FileInstants, later
 from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, Interpolation, known_stk_frame
@@ -250,7 +251,13 @@ def _frame_and_epoch(source: SourceFile, block: _Block, name: str) -> tuple[Fram
     with source.at(line, name):
         frame = known_stk_frame(text)
     text, line = block.value("ScenarioEpoch")
-    return frame, dates_of(source, [text.strip("\"'")], [line], "UTC", "ScenarioEpoch")
+    text = text.strip("\"'")
+    try:
+        return frame, dates_of(source, [text], [line], "UTC", "ScenarioEpoch")
+    except InputError as error:
+        if error.rule.startswith("must be a date like"):
+            raise source.error(line, "must be a date like 20 Mar 2025 12:00:00.0", "ScenarioEpoch", text[:40]) from None
+        raise
 
 
 def _checked_values(source: SourceFile, block: _Block, n_column: int, keyword: str) -> F64:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.directions import normalised
+from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.quaternion import rotated
 from warpsim.scene.pointing import Up
@@ -147,6 +148,7 @@ def apparent_mean(tracks: Tracks, targets: Sequence[int], at: SatelliteState) ->
     for target in targets:
         emitted = at.time_s
         for _ in range(3):
+            _check_light_time(tracks, target, emitted, at.time_s)
             vector = tracks.target_state(target, emitted)[0] - at.position_m
             distance = np.linalg.norm(vector, axis=-1)
             emitted = at.time_s - distance / SPEED_OF_LIGHT_M_S
@@ -158,6 +160,19 @@ def apparent_mean(tracks: Tracks, targets: Sequence[int], at: SatelliteState) ->
         towards += np.where(tracks.exist(target, emitted - at.since_middle_s)[:, None], seen, 0.0)
     towards[np.linalg.norm(towards, axis=-1) < 1e-9] = 0.0
     return normalised(towards)
+
+
+def _check_light_time(tracks: Tracks, target: int, emitted_s: F64, time_s: F64) -> None:
+    """Check that light left a target when its track had begun."""
+    early = emitted_s < tracks.start_s
+    if early.any() and not (time_s < tracks.start_s).any():
+        worst = int(np.argmax(time_s - emitted_s))
+        late_s = float(time_s[worst] - emitted_s[worst])
+        rule = (
+            f"is too far: its light takes {late_s:.3g} s ({late_s * SPEED_OF_LIGHT_M_S / 1e3:,.0f} km) to the camera "
+            f"at {time_s[worst]:g} s, and its track begins at {tracks.start_s:g} s"
+        )
+        raise InputError(rule).of(tracks.targets[target].name)
 
 
 def _earth_velocity(tracks: Tracks, times: F64) -> F64:
