@@ -222,7 +222,26 @@ def test_mountings_that_are_none(held, fields, message):
 def test_files_must_be_there_and_cover_the_frames(held, tmp_path):
     with pytest.raises(ws.InputError, match=r"pointing\[0\]: .*gone.a: cannot be read"):
         _ = held(file=str(tmp_path / "gone.a")).scenario
-    with pytest.raises(
-        ws.InputError, match=r"pointing: sat11: .*must be within the attitude table, 0 to 300 s"
-    ):
+    with pytest.raises(ws.InputError, match=r"pointing: sat11: .*must be within the attitude table, 0 to 300 s"):
         _ = held().replace(duration_s=400.0, frames={"count": 2, "interval_s": 400.0}).scenario
+
+
+def test_bodies_scans_and_tracks_in_one_kind_of_sensor(held, tmp_path):
+    """With an exposure: light moves over the image as the body turns."""
+    (tmp_path / "sat13.a").write_text(stk(np.zeros(1), Rotation.from_rotvec([[0.1, 0.2, 0.3]]).as_quat()))
+    rows = [{"time_s": 0.0, "ra_deg": 10.0, "dec_deg": 5.0}, {"time_s": 300.0, "ra_deg": 40.0, "dec_deg": -5.0}]
+    scene = held().replace(
+        detector={"kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 3e-15, "exposure_s": 0.5},
+        pointing=[
+            {"kind": "table", "mode": "scan", "rows": rows, "on": "sat12", "up": "north"},
+            {"kind": "body", "on": ["sat11", "sat13"], "file": str(tmp_path / "{satellite}.a")},
+            {"track": "main"},
+        ],
+    )
+    names = ["sat11", "sat12", "sat13", "sat14"]
+    frames = ws.Renderer(scene, "cpu").render([0, 1, 2], sensors=names)
+    for column, name in enumerate(names):
+        axes = scene.scenario.view_axes(name, [0.0, 100.0, 200.0])
+        np.testing.assert_allclose(frames.axes_icrs[:, column], axes, rtol=0, atol=1e-12)
+    still = Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix().T
+    np.testing.assert_allclose(frames.axes_icrs[1, 2], still, rtol=0, atol=PRINTED_RAD)

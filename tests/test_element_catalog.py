@@ -223,3 +223,36 @@ def test_large_catalogs_take_little_memory(tmp_path, n):
     n_good, n_bad, error_m = done.stdout.split()[-3:]
     assert (int(n_good), int(n_bad)) == (n - len(bad), len(bad)) and float(error_m) < 1e-3
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024 < MOST_MB
+
+
+def test_scenes_with_decayed_satellites_and_targets_are_rendered(tmp_path):
+    """In mixtures of constellations and groups of orbits too; the description stays as it was given."""
+    rng = np.random.default_rng(4)
+    lines = [*low_orbit(1, rng), *decayed(low_orbit(2, rng)), *low_orbit(3, rng)]
+    others = [*low_orbit(7, rng), *decayed(low_orbit(8, rng))]
+    for name, some in {"one.tle": lines, "two.tle": others}.items():
+        (tmp_path / name).write_text("\n".join(some))
+    walker = {
+        "kind": "walker",
+        "n_satellite": 2,
+        "n_plane": 1,
+        "phasing": 0,
+        "altitude_km": 1400.0,
+        "inclination_deg": 60.0,
+    }
+    scene = ws.Scene.load("stss").replace(
+        epoch_utc=EPOCH, duration_s=60.0, frames={"count": 1, "interval_s": 60.0}, access_rules={},
+        sky={"catalog": "none"}, pointing={"kind": "fixed", "ra_dec_deg": [0.0, 0.0]},
+        constellation={"kind": "mixed", "parts": [walker, {"kind": "tle", "file": str(tmp_path / "one.tle")}]},
+        groups=[{"name": "debris", "orbits": {"kind": "tle", "file": str(tmp_path / "two.tle")},
+                 "targets": [ws.Scene.load("stss").to_dict()["groups"][0]["targets"][0]]}],
+    )  # fmt: skip
+    scenario = scene.scenario
+    assert scenario.satellite_names == ["sat11", "sat12", "SAT_1", "SAT_3"] and scenario.target_names == ["SAT_7"]
+    assert sorted(zip(scenario.left_out["part"], scenario.left_out["norad_id"], strict=True)) == [
+        ("constellation", 2),
+        ("orbits", 8),
+    ]
+    assert scenario.scene.to_dict() == scene.to_dict() and scenario.scene.sensor_names == scenario.sensor_names
+    frames = ws.Renderer(scene, "cpu").render([0], sensors=["SAT_3"])
+    assert set(frames.truth["target"]) == {"SAT_7"}
