@@ -343,7 +343,8 @@ def test_tables_are_in_the_kernel_only_where_a_target_has_one(scene, tabled):
 
 def segment(name, start_s, rows):
     """Times and quaternions of a reader's segment, rows a second apart."""
-    return SimpleNamespace(object_name=name, time_s=start_s + np.arange(float(len(rows))), quaternion=np.array(rows))
+    times, instants = start_s + np.arange(float(len(rows))), SimpleNamespace(relative=True)
+    return SimpleNamespace(object_name=name, instants=instants, time_s=times, quaternion=np.array(rows))
 
 
 @pytest.fixture

@@ -52,6 +52,7 @@ class AttitudeRows(TimedRows):
     """About how far the rows as given are off half-way between them [rad], (n_given - 1,); see `worst_error`."""
     given_s: F64 | None = None
     """Times of the rows as given [s], (n_given,): there are more in `time_s` where they have rates."""
+    epoch: Any = None
     note: str = ""
     """How rates are used, or why not; empty where there are none."""
 
@@ -165,7 +166,8 @@ class AttitudeTable:
             rows = checked_rows(*_joined([attitude_in_gcrs(segment, epoch) for segment in chosen]))
         except InputError as error:
             raise error.of(self.file) from None
-        return replace(rows, source=f"{self.file}: {chosen[0].object_name}")
+        dated = None if chosen[0].instants.relative else epoch
+        return replace(rows, source=f"{self.file}: {chosen[0].object_name}", epoch=dated)
 
     def span_s(self, epoch: Epoch) -> tuple[float, float]:
         """First and last time of the table after epoch [s]; minus and plus infinity for a single row."""
