@@ -125,7 +125,13 @@ def test_a_short_file_is_named_with_its_object_and_round_times(scene, tmp_path):
     head = head.replace(date(-50.0), date(0.0)).replace(date(LAST_S), date(1000.0))
     path.write_text(head + "DATA_START\n" + "".join(lines) + "DATA_STOP\n")
     table = ws.AttitudeTable(file=path).rows(scene.epoch)
-    with pytest.raises(ws.InputError, match=rf"^{path}: MAIN: must cover the scene, 0 to 1614 s, got 0 to 1000 s$"):
+    with pytest.raises(
+        ws.InputError,
+        match=rf"^{path}: MAIN: must cover the scene, 0 to 1614 s, got 0 to 1000 s \(2025-01-01T14:00:00\.000 to "
+        r"2025-01-01T14:16:40\.000 UTC\)$",
+    ):
         table.check_span(0.0, scene.duration_s)
-    with pytest.raises(ws.InputError, match=r"MAIN: must be within the attitude table, 0 to 1000 s, got 1002"):
+    with pytest.raises(
+        ws.InputError, match=r"MAIN: must be within the attitude table, 0 to 1000 s \(.* UTC\), got 1002"
+    ):
         table.at([1002.0])

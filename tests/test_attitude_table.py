@@ -343,7 +343,8 @@ def test_tables_are_in_the_kernel_only_where_a_target_has_one(scene, tabled):
 
 def segment(name, start_s, rows):
     """Times and quaternions of a reader's segment, rows a second apart."""
-    return SimpleNamespace(object_name=name, time_s=start_s + np.arange(float(len(rows))), quaternion=np.array(rows))
+    times, instants = start_s + np.arange(float(len(rows))), SimpleNamespace(relative=True)
+    return SimpleNamespace(object_name=name, instants=instants, time_s=times, quaternion=np.array(rows))
 
 
 @pytest.fixture
@@ -354,7 +355,7 @@ def reader(monkeypatch):
         ("warpsim.exchange", "none", None),
         ("warpsim.exchange.source", "read_source", lambda path: SimpleNamespace(data=b"rows")),
         ("warpsim.exchange.read_files", "attitude_of", lambda source: segments),
-        ("warpsim.orbit.earth", "attitude_in_gcrs", lambda segment, epoch: (segment.time_s, segment.quaternion)),
+        ("warpsim.orbit.earth", "attitude_in_gcrs", lambda segment, epoch: (segment.time_s, segment.quaternion, None)),
     ]:
         module = ModuleType(name)
         setattr(module, function, body)

@@ -286,7 +286,7 @@ def test_attitude_in_gcrs(tmp_path):
     """EME2000's bias goes on top, and signs are those of the shorter way."""
     (tmp_path / "a.aem").write_text(AEM.replace("0.0 0.0 0.0 1.0", "0.0 0.0 -0.05 -0.9987492177719089"))
     (segment,) = ws.read_attitude(tmp_path / "a.aem")
-    time_s, quaternion = attitude_in_gcrs(segment, utc_time(DATES[2]))
+    time_s, quaternion, _ = attitude_in_gcrs(segment, utc_time(DATES[2]))
     np.testing.assert_allclose(time_s, [0.0, 60.0], rtol=0, atol=2e-11)
     expected = Rotation.from_matrix(eme2000_to_gcrs()) * Rotation.from_quat(segment.quaternion)
     assert (Rotation.from_quat(quaternion) * expected.inv()).magnitude().max() < 1e-15

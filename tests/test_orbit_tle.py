@@ -180,7 +180,10 @@ def test_names_are_clean_and_unique():
 def test_clashing_names_are_refused():
     lines = ["A-00003", *renumbered(1), "A", *renumbered(2), "A", *renumbered(3)]
     with pytest.raises(InputError, match=r"lines: line \d+: A.*: name must be unique, got A-00003 twice$"):
-        TleSatellites(lines=lines)
+        TleSatellites(lines=lines, skip=False)
+    kept = TleSatellites(lines=lines)
+    assert kept.names == ["A-00003", "A-00002"]
+    assert [(one.norad_id, one.reason) for one in kept.left_out] == [(3, "name must be unique, got A-00003 twice")]
 
 
 @pytest.mark.parametrize(

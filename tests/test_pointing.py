@@ -547,3 +547,13 @@ def test_old_descriptions_still_work(scene):
     assert scene.replace(pointing=ws.FixedPointing(ra_dec_deg=(10.0, 20.0))).pointing[0].kind == "fixed"
     quantity = ws.FixedPointing(ra_dec_deg=(1 * u.hourangle, 600 * u.arcmin))
     np.testing.assert_allclose(quantity.ra_dec_deg, (15.0, 10.0), rtol=1e-14)
+
+
+def test_a_target_whose_light_takes_too_long_is_told(scene):
+    """Its track begins two seconds before the scene, or a node step."""
+    far = scene.replace(
+        trajectory={"kind": "state_vector", "position_m": [5e9, 0.0, 0.0], "velocity_m_s": [0.0, 300.0, 0.0]},
+        release={}, duration_s=600.0, frames={"count": 2, "interval_s": 60.0}, access_rules={},
+    )  # fmt: skip
+    with pytest.raises(ws.InputError, match=r"^\w+: is too far: its light takes 16\.7 s \(.* km\) to the camera"):
+        far.scenario.view_axes("sat11", [0.0])

@@ -64,6 +64,7 @@ from warpsim.scene.pointing import PointingStep as PointingStep
 from warpsim.scene.pointing import Slew as Slew
 from warpsim.scene.pointing import TablePointing as TablePointing
 from warpsim.scene.pointing import PointingRow as PointingRow
+from warpsim.scene.pointing import BodyPointing as BodyPointing
 from warpsim.scene.pointing import Bias as Bias
 from warpsim.scene.pointing import Drift as Drift
 from warpsim.scene.pointing import Jitter as Jitter

@@ -27,6 +27,7 @@ class AimFeatures(NamedTuple):
     track: bool = False  # cameras that follow targets
     fixed: bool = False  # that look in one direction
     scan: bool = False  # that move along the rows of a table
+    attitude: bool = False  # that are fixed in a body
     steps: bool = False  # that follow one law after the other
     slews: bool = False  # and turn from one to the next; with steps only
     steady_errors: bool = False  # bias and drift
@@ -56,7 +57,7 @@ class Pointing:
 @functools.cache
 def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
     """Kernel of the stage; what is off is not in its code."""
-    law_axes = law_axes_of(features.track, features.fixed, features.scan)
+    law_axes = law_axes_of(features.track, features.fixed, features.scan, features.attitude)
 
     @wp.func
     def step_of(pointing: Pointing, sensor: int, time_s: wp.float64, middle_s: wp.float64):

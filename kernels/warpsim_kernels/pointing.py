@@ -7,7 +7,7 @@ import warp as wp
 
 from warpsim_kernels.apparent import Observer, Tracks, path_from_target
 from warpsim_kernels.camera import camera_axes, up_is_lost
-from warpsim_kernels.timed_tables import row_before
+from warpsim_kernels.timed_tables import AttitudeTables, row_before, table_quaternion, turned_axes
 
 UP_ZENITH = wp.constant(0)
 UP_NORTH = wp.constant(1)
@@ -16,7 +16,8 @@ UP_ORBIT_NORMAL = wp.constant(2)
 LAW_TRACK = wp.constant(0)
 LAW_FIXED = wp.constant(1)
 LAW_SCAN = wp.constant(2)
-"""Kinds of pointing laws: targets, one direction, or the rows of a table."""
+LAW_ATTITUDE = wp.constant(3)
+"""Kinds of pointing laws: targets, one direction, the rows of a table, or the axes of the body."""
 
 UP_REPLACED = wp.constant(1)
 BORESIGHT_REPLACED = wp.constant(2)
@@ -49,7 +50,8 @@ class ScanRows:
     direction: wp.array[wp.vec3d]  # (n_row,) unit
     roll_rad: wp.array[wp.float64]  # (n_row,) without jumps by a whole turn
     first: wp.array[wp.int32]  # (n_sensor,) first row of each sensor
-    count: wp.array[wp.int32]  # (n_sensor,) its rows, at least 2
+    count: wp.array[wp.int32]  # (n_sensor,) its rows, at least 2; 1 or more where they are of attitudes
+    attitudes: AttitudeTables  # of the bodies of sensors with LAW_ATTITUDE, whose first and count are of these
 
 
 @wp.struct
@@ -146,9 +148,9 @@ def rolled_axes(axes: wp.mat33d, roll_rad: wp.float64) -> wp.mat33d:
 
 
 @functools.cache
-def law_axes_of(track: bool, fixed: bool, scan: bool) -> wp.Function:
+def law_axes_of(track: bool, fixed: bool, scan: bool, attitude: bool = False) -> wp.Function:
     """The function that gives the axes of a law; it holds the kinds of laws that there are."""
-    alone = track + fixed + scan == 1
+    alone = track + fixed + scan + attitude == 1
 
     @wp.func
     def law_axes(
@@ -194,6 +196,10 @@ def law_axes_of(track: bool, fixed: bool, scan: bool) -> wp.Function:
         axes = camera_axes(boresight, up, fallback)
         if wp.static(fixed or scan):
             axes = rolled_axes(axes, roll_rad)
+        if wp.static(attitude):
+            if wp.static(alone) or law.kind == LAW_ATTITUDE:
+                commanded.flags = int(0)
+                axes = turned_axes(table_quaternion(rows.attitudes, rows.first[sensor], rows.count[sensor], time_s))
         commanded.axes = law.turn * axes
         return commanded
 

@@ -33,7 +33,7 @@ from warpsim.exchange.source import (
     read_xml,
     whole_number_of,
 )
-from warpsim.quaternion import conjugate
+from warpsim.quaternion import conjugate, product, rotated
 
 F64 = NDArray[np.float64]
 
@@ -84,8 +84,7 @@ class _Message(NamedTuple):
 
 def is_ccsds(source: SourceFile) -> bool:
     """Return whether a file looks like a CCSDS message, in either notation."""
-    head = source.data[:4096].lstrip(b"\xef\xbb\xbf \t\r\n")
-    return source.is_xml or re.match(rb"(COMMENT[^\n]*\n\s*)*CCSDS_[A-Z]+_VERS", head) is not None
+    return source.is_xml or re.match(r"(\s*COMMENT[^\n]*\n)*\s*CCSDS_[A-Z]+_VERS", source.head) is not None
 
 
 def read_message(source: SourceFile, kind: str, known: Mapping[str, bool]) -> _Message:
@@ -260,12 +259,16 @@ def _ephemeris(source: SourceFile, segment: _MessageSegment) -> EphemerisSegment
     _check_center(source, meta["CENTER_NAME"])
     with source.at(meta["REF_FRAME"].line, "REF_FRAME"):
         frame = known_ccsds_frame(meta["REF_FRAME"].text)
-    if "REF_FRAME_EPOCH" in meta and frame not in ("GCRF", "EME2000"):
+    if "REF_FRAME_EPOCH" in meta and frame not in ("GCRF", "EME2000", "ITRF"):  # which do not depend on it
         line = meta["REF_FRAME_EPOCH"].line
         raise source.error(line, f"must not be given, {frame} is read as of date", "REF_FRAME_EPOCH")
-    check_cells(source, rows, (7, 10), "a date, position, velocity, and acceleration or none")
+    for row, line in zip(rows.cells, rows.lines, strict=True):
+        if len(row) not in (7, 10):
+            rule = "must have 7 or 10 values (a date, position, velocity, and acceleration or none)"
+            raise source.error(line, rule, value=len(row))
     common = _common_fields(source, segment, "INTERPOLATION")
-    values = 1e3 * numbers_of(source, rows, 1, len(rows.cells[0]) - 1)
+    values = 1e3 * numbers_of(source, rows, 1, 6)
+    _ = numbers_of(source, Rows([row[7:] or ["0"] * 3 for row in rows.cells], rows.lines), 0, 3)  # accelerations
     return EphemerisSegment(frame=frame, position_m=values[:, :3], velocity_m_s=values[:, 3:6], **common)
 
 
@@ -276,17 +279,37 @@ def _attitude(source: SourceFile, segment: _MessageSegment, version: float) -> A
     frame, body_frame, a_is_body = _attitude_frames(source, meta)
     common = _common_fields(source, segment, "INTERPOLATION_METHOD")
     kind = meta["ATTITUDE_TYPE"].text.upper().replace(" ", "_").replace("EULER_ANGLES", "EULER_ANGLE")
+    rates = None
     if kind in _N_QUATERNION_CELLS:
-        quaternion = _quaternions(source, segment, kind, version)
+        quaternion, rates = _quaternions(source, segment, kind, version)
     elif kind == "EULER_ANGLE":
         quaternion = _from_euler_angles(source, segment)
     else:
         known = ", ".join((*_N_QUATERNION_CELLS, "EULER_ANGLE"))
         raise source.error(meta["ATTITUDE_TYPE"].line, f"must be one of {known}", "ATTITUDE_TYPE", kind)
     # A quaternion of A to B turns components in B into those in A (it is the turn that carries A's axes to B's).
-    if a_is_body != _goes_backwards(source, segment, version):
-        quaternion = conjugate(quaternion)
-    return AttitudeSegment(frame=frame, body_frame=body_frame, quaternion=quaternion, **common)
+    backwards = a_is_body != _goes_backwards(source, segment, version)
+    turned = conjugate(quaternion) if backwards else quaternion
+    rate_rad_s = None
+    if kind == "QUATERNION/DERIVATIVE" and rates is not None:
+        rate_rad_s = 2.0 * product(conjugate(turned), conjugate(rates) if backwards else rates)[:, :3]
+    elif rates is not None:
+        rate_rad_s = _body_rates(source, meta, np.radians(rates), turned, a_is_body)
+    return AttitudeSegment(frame=frame, body_frame=body_frame, quaternion=turned, rate_rad_s=rate_rad_s, **common)
+
+
+def _body_rates(source: SourceFile, meta: dict[str, _KeywordValue], rate: F64, quaternion: F64, a_is_body: bool) -> F64:
+    """Angular velocities of the body in its own axes, from those of frame B relative to A in the axes of either."""
+    stated = meta.get("ANGVEL_FRAME", meta.get("RATE_FRAME"))
+    in_body = True
+    if stated is not None:
+        names = {"REF_FRAME_A": "A", meta["REF_FRAME_A"].text.upper(): "A"}
+        names |= {"REF_FRAME_B": "B", meta["REF_FRAME_B"].text.upper(): "B"}
+        if stated.text.upper() not in names:
+            raise source.error(stated.line, "must be REF_FRAME_A or REF_FRAME_B", "ANGVEL_FRAME", stated.text)
+        in_body = (names[stated.text.upper()] == "A") == a_is_body
+    rate = rate if in_body else rotated(conjugate(quaternion), rate)
+    return -rate if a_is_body else rate
 
 
 def _check_center(source: SourceFile, center: _KeywordValue) -> None:
@@ -361,8 +384,8 @@ def _goes_backwards(source: SourceFile, segment: _MessageSegment, version: float
     return direction.text.upper() == "B2A"
 
 
-def _quaternions(source: SourceFile, segment: _MessageSegment, kind: str, version: float) -> F64:
-    """Quaternions of the rows, scalar last; rates beside them are checked and left out."""
+def _quaternions(source: SourceFile, segment: _MessageSegment, kind: str, version: float) -> tuple[F64, F64 | None]:
+    """Quaternions of the rows, scalar last, and what stands beside them: derivatives of these, or rates [deg/s]."""
     rows, order = segment.rows, segment.meta.get("QUATERNION_TYPE")
     n_cell = 5 if source.is_xml else _N_QUATERNION_CELLS[kind]
     check_cells(source, rows, (n_cell,), "a date, a quaternion, and its rate where ATTITUDE_TYPE says so")
@@ -370,12 +393,16 @@ def _quaternions(source: SourceFile, segment: _MessageSegment, kind: str, versio
     if order is None:
         if version < 2.0 and not source.is_xml:
             raise source.error(segment.line, "must have QUATERNION_TYPE", "metadata")
-        return values[:, :4]
+        return values[:, :4], values[:, 4:] if n_cell > 5 else None
     if order.text.upper() not in ("FIRST", "LAST"):
         raise source.error(order.line, "must be FIRST or LAST", "QUATERNION_TYPE", order.text)
     # In XML the components have names, so their order says nothing.
     first = order.text.upper() == "FIRST" and not source.is_xml
-    return values[:, [1, 2, 3, 0]] if first else values[:, :4]
+    if n_cell == 5:
+        return (values[:, [1, 2, 3, 0]] if first else values), None
+    if n_cell == 8:
+        return values[:, [1, 2, 3, 0]] if first else values[:, :4], values[:, 4:]
+    return values[:, [1, 2, 3, 0]] if first else values[:, :4], values[:, [5, 6, 7, 4]] if first else values[:, 4:]
 
 
 def _from_euler_angles(source: SourceFile, segment: _MessageSegment) -> F64:

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from warpsim.errors import NO_VALUE, InputError
@@ -64,6 +66,30 @@ class ElementSet:
         return Time(*self.epoch_jd_utc, format="jd", scale="utc")
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class ElementRecord:
+    """An element set as it stands in its source: known by name and number, parsed on demand."""
+
+    name: str
+    norad_id: int | None
+    """Catalog number; None where there is none, or none that can be read."""
+    designator: str
+    """International designator."""
+    location: str
+    """Line or record of the source: `line 3`."""
+    parse: Callable[[], ElementSet]
+    """Return the checked set; InputError where it is not valid."""
+
+
+def bad_record(error: InputError, location: str, name: str = "", norad_id: int | None = None) -> ElementRecord:
+    """Record of what is no element set; parsing it raises the error."""
+
+    def parse() -> ElementSet:
+        raise error
+
+    return ElementRecord(name, norad_id, "", location, parse)
+
+
 def label(name: str, norad_id: int | None) -> str:
     """`ISS (ZARYA), 25544`: what is known of name and number, for messages."""
     return ", ".join(text for text in (name, "" if norad_id is None else f"{norad_id:05d}") if text)
@@ -115,8 +141,8 @@ _LINE_1 = (
     _Field(19, 20, "epoch year", r"\d\d", "must be two digits"),
     _Field(21, 32, "epoch day", rf"{_THREE_DIGITS}\.\d{{8}}", "must be a day of the year like 264.51782528"),
     _Field(34, 43, "first derivative of mean motion", r"[ +0-]\.\d{8}", "must be a number like ' .00001764'"),
-    _Field(45, 52, "second derivative of mean motion", r"[ +-]\d{5}[+-]\d", _POWER),
-    _Field(54, 61, "drag term B*", r"[ +-]\d{5}[+-]\d", _POWER),
+    _Field(45, 52, "second derivative of mean motion", r"[ +-]\d{5}[ +-]\d", _POWER),
+    _Field(54, 61, "drag term B*", r"[ +-]\d{5}[ +-]\d", _POWER),
     _Field(63, 63, "ephemeris type", "[ 023]", "must be 0 (SGP4); other theories, like SGP4-XP (4), are not supported"),
     _Field(65, 68, "element set number", r"[ \d]{3}[\d ]", "must be digits"),
     _CHECKSUM,
@@ -161,32 +187,45 @@ def looks_like_tle(text: str) -> bool:
     return any(_is_line(line) for line in text.splitlines())
 
 
-def parse_tle(text: str) -> list[ElementSet]:
-    """Read all element sets of a text, each pair of lines behind a name line or not.
+def tle_records(text: str) -> Iterator[ElementRecord]:
+    """Find the element sets of a text, each pair of lines behind a name line or not; what is none is a bad record.
 
     A name may begin with "0 ". Blank lines and lines that begin with "#" are skipped.
     """
-    sets = []
     numbered = ((number, line.rstrip()) for number, line in enumerate(text.split("\n"), 1))
-    lines = ((number, line) for number, line in numbered if line and not line.startswith("#"))
+    lines = [(number, line) for number, line in numbered if line and not line.startswith("#")]
     name = ""
-    for number, line in lines:
+    index = 0
+    while index < len(lines):
+        number, line = lines[index]
+        index += 1
         if not _is_line(line):
             if name:
-                raise _Location(number).error(f"must be line 1 of the set named {name!r}", value=line)
+                error = _Location(number).error(f"must be line 1 of the set named {name!r}", value=line)
+                yield bad_record(error, f"line {number}", name)
             name = tidy_name(line.removeprefix("0 "))
             continue
         location = _Location(number, name)
         if line[0] != "1":
-            raise location.error("has no line 1 before it")
-        second = next(lines, None)
-        if second is None or not (_is_line(second[1]) and second[1][0] == "2"):
-            raise location.error("must be followed by line 2 of its set")
-        sets.append(_element_set(name, line, second[1], number, second[0]))
+            yield bad_record(location.error("has no line 1 before it"), f"line {number}", name, _number(line))
+        elif index == len(lines) or lines[index][1][0] != "2" or not _is_line(lines[index][1]):
+            error = location.error("must be followed by line 2 of its set")
+            yield bad_record(error, f"line {number}", name, _number(line))
+        else:
+            parse = partial(_element_set, name, line, lines[index][1], number, lines[index][0])
+            yield ElementRecord(name, _number(line), plain_designator(line[9:17]), f"line {number}", parse)
+            index += 1
         name = ""
     if name:
-        raise InputError("ends with a name without lines", value=name)
-    return sets
+        yield bad_record(InputError("ends with a name without lines", value=name), f"line {lines[-1][0]}", name)
+
+
+def _number(line: str) -> int | None:
+    """Catalog number of a line; None where it is not valid."""
+    from sgp4.alpha5 import from_alpha5
+
+    text = line[2:7]
+    return int(from_alpha5(text.strip().rjust(5, "0"))) if re.fullmatch(_CATALOG_NUMBER, text, re.ASCII) else None
 
 
 def _is_line(line: str) -> bool:

@@ -15,25 +15,27 @@ import math
 import os
 import re
 from collections.abc import Iterator, Mapping
-from pathlib import Path
+from functools import partial
 from typing import Any, NamedTuple
 
 from warpsim.errors import InputError
 from warpsim.exchange.element_set import (
     MAX_MEAN_MOTION,
+    ElementRecord,
     ElementSet,
+    bad_record,
     check_model,
     label,
     looks_like_tle,
-    parse_tle,
     plain_designator,
     tidy_name,
+    tle_records,
 )
 from warpsim.exchange.instants import mjd_and_second
-from warpsim.exchange.source import read_xml
+from warpsim.exchange.source import read_source, read_xml
 
-Message = tuple[dict[str, str], str]
-"""Keyword to text, and the line or record of the message."""
+Message = tuple[dict[str, str], str, InputError | None]
+"""Keyword to text, the line or record of the message, and what is wrong with its layout."""
 
 _FIRST_YEAR = 1957
 _UNUSED = {"CLASSIFICATION_TYPE": "U", "OBJECT_ID": "", "EPHEMERIS_TYPE": 0, "ELEMENT_SET_NO": 0, "REV_AT_EPOCH": 0}
@@ -73,23 +75,40 @@ _ELEMENTS = {
 }
 _OPTIONAL = ("MEAN_MOTION_DOT", "MEAN_MOTION_DDOT")  # SGP4 does not use them
 
+_NORAD_ID = re.compile(r"\d{1,9}", re.ASCII)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def read_element_sets(path: str | os.PathLike[str]) -> list[ElementSet]:
     """Read all element sets of a file, in its order. The content decides on the format, not the file's name."""
+    records = read_element_records(path)
     try:
-        return parse_element_sets(Path(path).read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}").of(path) from None
-    except UnicodeDecodeError:
-        raise InputError("is not UTF-8 text").of(path) from None
+        return [record.parse() for record in records]
+    except InputError as error:
+        raise error.of(path) from None
+
+
+def read_element_records(path: str | os.PathLike[str]) -> list[ElementRecord]:
+    """Find the element sets of a file, in its order, without parsing their numbers."""
+    source = read_source(path)
+    source.check_kind()
+    try:
+        return element_records(source.text)
     except InputError as error:
         raise error.of(path) from None
 
 
 def parse_element_sets(text: str) -> list[ElementSet]:
     """Read all element sets of a text, as `read_element_sets` does."""
+    return [record.parse() for record in element_records(text)]
+
+
+def element_records(text: str) -> list[ElementRecord]:
+    """Find the element sets of a text, as `read_element_records` does.
+
+    Raises:
+        InputError: It is of no format of element sets, or broken as a whole (JSON, XML), or has none.
+    """
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     start = text.lstrip()
     first = start.split("\n", 1)[0]
@@ -102,19 +121,29 @@ def parse_element_sets(text: str) -> list[ElementSet]:
     elif "," in first and "MEAN_MOTION" in first.upper():
         messages = _read_csv(text)
     elif looks_like_tle(text):
-        return parse_tle(text)
+        return list(tle_records(text))
     else:
         raise InputError("must hold element sets, as TLE or as OMM in KVN, XML, JSON or CSV")
-    sets = [_element_set(fields, location) for fields, location in messages]
-    if not sets:
+    records = [_record(fields, location, error) for fields, location, error in messages]
+    if not records:
         raise InputError("holds no element sets")
-    return sets
+    return records
+
+
+def _record(fields: Mapping[str, str], location: str, error: InputError | None) -> ElementRecord:
+    """Record of one message."""
+    name, number = tidy_name(fields.get("OBJECT_NAME", "")), fields.get("NORAD_CAT_ID", "").strip()
+    norad_id = int(number) if _NORAD_ID.fullmatch(number) else None
+    if error is not None:
+        return bad_record(error, location, name, norad_id)
+    designator = plain_designator(tidy_name(fields.get("OBJECT_ID", "")))
+    return ElementRecord(name, norad_id, designator, location, partial(_element_set, fields, location))
 
 
 def _element_set(fields: Mapping[str, str], location: str) -> ElementSet:
     """Satellite of one message; its errors begin with the location, the object's name and its number."""
     name, number = tidy_name(fields.get("OBJECT_NAME", "")), fields.get("NORAD_CAT_ID", "").strip()
-    if number and not re.fullmatch(r"\d{1,9}", number, re.ASCII):
+    if number and not _NORAD_ID.fullmatch(number):
         raise InputError("must be up to nine digits", "NORAD_CAT_ID", number).of(name).of(location)
     if not (name or number):
         raise InputError("OBJECT_NAME or NORAD_CAT_ID is required").of(location)
@@ -175,23 +204,24 @@ def _epoch(fields: Mapping[str, str]) -> datetime.datetime:
 def _read_kvn(text: str) -> Iterator[Message]:
     """Messages one behind the other, each begun by CCSDS_OMM_VERS (or by OBJECT_NAME, where that is not repeated)."""
     fields: dict[str, str] = {}
-    first = 1
+    first, fault = 1, None
     for number, line in enumerate(text.split("\n"), 1):
         line = line.strip()
         if not line or line.startswith(("COMMENT", "USER_DEFINED")) or line in ("META_START", "META_STOP"):
             continue
         keyword, equals, value = (part.strip() for part in line.partition("="))
         if not equals:
-            raise InputError("must be KEYWORD = value", value=line).of(f"line {number}")
+            fault = fault or InputError("must be KEYWORD = value", value=line).of(f"line {number}")
+            continue
         if keyword == "CCSDS_OMM_VERS" or (keyword == "OBJECT_NAME" and keyword in fields):
-            if "EPOCH" in fields or "OBJECT_NAME" in fields:
-                yield fields, f"line {first}"
-            fields, first = {}, number
+            if "EPOCH" in fields or "OBJECT_NAME" in fields or fault:
+                yield fields, f"line {first}", fault
+            fields, first, fault = {}, number, None
         unit = re.search(r"\s*\[([^\]]*)\]$", value)
         if unit:
             value = value[: unit.start()]
-        _add_field(fields, keyword, value, unit[1] if unit else "", f"line {number}")
-    yield fields, f"line {first}"
+        fault = fault or _add_field(fields, keyword, value, unit[1] if unit else "", f"line {number}")
+    yield fields, f"line {first}", fault
 
 
 def _read_xml(text: str) -> Iterator[Message]:
@@ -202,20 +232,23 @@ def _read_xml(text: str) -> Iterator[Message]:
         raise InputError(f"must hold <omm> elements, got <{root.tag}>")
     for message in messages:
         fields: dict[str, str] = {}
+        fault = None
         for leaf in message.leaves():
             if leaf is not message and leaf.tag not in ("COMMENT", "USER_DEFINED"):
-                _add_field(fields, leaf.tag, leaf.text.strip(), leaf.attributes.get("units", ""), f"line {leaf.line}")
-        yield fields, f"line {message.line}"
+                unit, location = leaf.attributes.get("units", ""), f"line {leaf.line}"
+                fault = fault or _add_field(fields, leaf.tag, leaf.text.strip(), unit, location)
+        yield fields, f"line {message.line}", fault
 
 
-def _add_field(fields: dict[str, str], keyword: str, value: str, unit: str, location: str) -> None:
-    """Add a field that must be given once, in the unit of the standard."""
+def _add_field(fields: dict[str, str], keyword: str, value: str, unit: str, location: str) -> InputError | None:
+    """Add a field; return what is wrong where it is not given once, in the unit of the standard."""
     if keyword in fields:
-        raise InputError("is given twice", keyword).of(location)
+        return InputError("is given twice", keyword).of(location)
     known = _ELEMENTS[keyword].units if keyword in _ELEMENTS else ()
     if unit and known and unit.strip().lower() not in known:
-        raise InputError(f"must be in {known[0]}", keyword, unit).of(location)
+        return InputError(f"must be in {known[0]}", keyword, unit).of(location)
     fields[keyword] = value
+    return None
 
 
 def _read_json(text: str) -> Iterator[Message]:
@@ -229,12 +262,13 @@ def _read_json(text: str) -> Iterator[Message]:
     for record, item in enumerate(data if isinstance(data, list) else [data], 1):
         location = f"record {record}"
         if not isinstance(item, dict):
-            raise InputError("must be an object of keywords", value=item).of(location)
-        for keyword, value in item.items():
-            if isinstance(value, bool | list | dict):
-                raise InputError("must be a number or a text", keyword, value).of(location)
+            yield {}, location, InputError("must be an object of keywords", value=item).of(location)
+            continue
+        nested = next(((key, value) for key, value in item.items() if isinstance(value, bool | list | dict)), None)
+        fault = None if nested is None else InputError("must be a number or a text", *nested).of(location)
         given = {keyword: "" if value is None else value for keyword, value in item.items()}
-        yield {keyword: value if isinstance(value, str) else repr(value) for keyword, value in given.items()}, location
+        fields = {keyword: value if isinstance(value, str) else repr(value) for keyword, value in given.items()}
+        yield fields, location, fault
 
 
 def _read_csv(text: str) -> Iterator[Message]:
@@ -251,8 +285,9 @@ def _read_csv(text: str) -> Iterator[Message]:
                 if len(set(header)) != len(header):
                     raise InputError("column names must be different").of(location)
                 continue
+            fault = None
             if len(row) != len(header):
-                raise InputError(f"must have {len(header)} values, as the header has", value=len(row)).of(location)
-            yield dict(zip(header, row, strict=True)), location
+                fault = InputError(f"must have {len(header)} values, as the header has", value=len(row)).of(location)
+            yield dict(zip(header, row, strict=False)), location, fault
     except csv.Error as error:
         raise InputError(f"is not valid CSV: {error}").of(f"line {rows.line_num}") from None

@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError, one_line
 from warpsim.exchange.ccsds_read import is_ccsds, read_aem, read_oem
+from warpsim.exchange.ccsds_states import message_kind, read_ocm, read_opm
 from warpsim.exchange.instants import FileInstants, parse_dates
 from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, known_ccsds_frame, plain_name
 from warpsim.exchange.source import SourceFile, read_source
+from warpsim.exchange.sp3_meme import is_meme, is_sp3, read_meme, read_sp3
+from warpsim.exchange.spk_read import is_spk, read_spk
 from warpsim.exchange.stk_read import is_stk, read_stk_attitude, read_stk_ephemeris
 from warpsim.tables.columns import ColumnTable
 from warpsim.tables.text import read_delimited, read_ecsv
@@ -108,14 +111,14 @@ def _read(source: SourceFile) -> ColumnTable:
     """The table of a file, whose last line must be closed."""
     source.lines()
     with source.at(0):
-        if b"\x00" in source.data:
+        if "\0" in source.text:
             raise InputError("must be an OEM, AEM, STK or table of text, got binary data")
-        if re.match(rb"\s*#\s*%ECSV", source.data.removeprefix(b"\xef\xbb\xbf")):
-            table = read_ecsv(source.data)
+        if re.match(r"\s*#\s*%ECSV", source.text):
+            table = read_ecsv(source.text.encode())
             if any(not hasattr(table.table[name], "dtype") for name in table.table.colnames):
                 raise InputError("must have plain columns, got some of ECSV's own kinds (Time, SkyCoord, ...)")
         else:
-            table = read_delimited(source.data)
+            table = read_delimited(source.text.encode())
         if len(table) == 0:
             raise InputError("must hold at least one row, got none")
     return table
@@ -179,7 +182,7 @@ def _vector(table: ColumnTable, names: list[str], names_km: list[str], unit: str
 
 
 def read_ephemeris(path: str | os.PathLike[str], object: str | None = None) -> list[EphemerisSegment]:
-    """Segments of an orbit file: CCSDS OEM (text or XML), STK .e, or a table (CSV, ECSV).
+    """Segments of an orbit file: CCSDS OEM (text or XML), OPM, OCM, STK .e, SP3, SPK, MEME, or a table (CSV, ECSV).
 
     Args:
         path: The file.
@@ -193,8 +196,17 @@ def read_ephemeris(path: str | os.PathLike[str], object: str | None = None) -> l
 
 def ephemeris_of(source: SourceFile, object: str | None = None) -> list[EphemerisSegment]:
     """Like read_ephemeris(), of a file that has been read."""
+    if not is_spk(source):
+        source.check_kind()
+    kind = message_kind(source)
     with np.errstate(over="ignore"):  # infinity is refused with its line
-        if is_ccsds(source):
+        if is_spk(source):
+            segments = read_spk(source)
+        elif kind in ("OPM", "OCM"):
+            segments = (read_opm if kind == "OPM" else read_ocm)(source)
+        elif is_sp3(source) or is_meme(source):
+            segments = (read_sp3 if is_sp3(source) else read_meme)(source)
+        elif is_ccsds(source):
             segments = read_oem(source)
         elif is_stk(source):
             segments = read_stk_ephemeris(source)
@@ -223,6 +235,7 @@ def read_attitude(path: str | os.PathLike[str]) -> list[AttitudeSegment]:
 
 def attitude_of(source: SourceFile) -> list[AttitudeSegment]:
     """Like read_attitude(), of a file that has been read."""
+    source.check_kind()
     with np.errstate(over="ignore"):
         if is_ccsds(source):
             return read_aem(source)

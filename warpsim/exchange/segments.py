@@ -94,6 +94,9 @@ class EphemerisSegment:
     useable: FileInstants | None = None
     """First and last useable instant; None: all of it."""
 
+    sampled: bool = False
+    """Whether the states are samples of a path known between them, as dense as it needs."""
+
     time_system: str = "UTC"
     """Of the file's dates; writers use it again."""
 
@@ -186,6 +189,9 @@ class AttitudeSegment:
 
     interpolation: Interpolation | None = None
     degree: int | None = None
+    rate_rad_s: F64 | None = None
+    """Angular velocities relative to the reference axes, in the body's axes [rad/s], shape (n, 3)."""
+
     useable: FileInstants | None = None
     time_system: str = "UTC"
     file: str = ""
@@ -194,6 +200,8 @@ class AttitudeSegment:
 
     def __post_init__(self) -> None:
         _check_common(self, "quaternion", self.quaternion, 4)
+        if self.rate_rad_s is not None:
+            _check_array("rate_rad_s", self.rate_rad_s, (len(self.instants), 3), self)
         with np.errstate(over="ignore", under="ignore"):  # infinity and 0 are no norm of 1 either
             norm = np.linalg.norm(self.quaternion, axis=1)
         bad = np.abs(norm - 1.0) > _NORM_SLACK

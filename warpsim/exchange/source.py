@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
+import io
 import os
 import re
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +22,32 @@ from warpsim.exchange.instants import FileInstants, parse_dates
 
 F64 = NDArray[np.float64]
 
-_END_OF_BLOCK = re.compile(r"(?i:END\s+(Ephemeris|Attitude))|DATA_STOP|COVARIANCE_STOP")
+_PACKED: dict[bytes, str] = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\xfd7zXZ\x00": "lzma"}
+"""First bytes of compressed files, and the modules that read them."""
+
+_OTHER_KINDS = {
+    b"PK\x03\x04": "a ZIP archive",
+    b"%PDF": "a PDF document",
+    b"\x89HDF": "an HDF5 file",
+    b"CDF\x01": "a NetCDF file",
+    b"CDF\x02": "a NetCDF file",
+    b"SIMPLE  =": "a FITS file",
+    b"PAR1": "a Parquet file",
+    b"\x89PNG": "a PNG image",
+    b"\xff\xd8\xff": "a JPEG image",
+    b"7z\xbc\xaf": "a 7z archive",
+    b"\x28\xb5\x2f\xfd": "zstandard, which is not read",
+}
+"""First bytes of files that hold neither orbits nor attitudes."""
+
+LARGEST_BYTES = 2**31
+"""Bytes of a file, also once it is no longer compressed."""
+
+_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
+"""Marks at the beginning of such text."""
+
+_LINES_ALIKE = 4
+"""Lines whose last numbers have as many digits: fewer in the last line of a file are a sign of its being cut off."""
 
 _DEEPEST = 50
 
@@ -33,30 +61,51 @@ class SourceFile:
 
     @property
     def text(self) -> str:
-        """Content as text: UTF-8, or Latin-1 in older files."""
+        """Content as text: UTF-8, UTF-16 with its mark, or Latin-1 in older files."""
         data = self.data.removeprefix(b"\xef\xbb\xbf")
         try:
-            return data.decode("utf-8")
+            return data.decode("utf-16" if data.startswith(_UTF_16) else "utf-8")
         except UnicodeDecodeError:
             return data.decode("latin-1")
+
+    def check_kind(self) -> None:
+        """Check that the content is text.
+
+        Raises:
+            InputError: It is another kind of file.
+        """
+        kind = next((kind for start, kind in _OTHER_KINDS.items() if self.data.startswith(start)), None)
+        if re.match(rb"\s*<(!doctype\s+html|html)\b", self.data[:200], re.IGNORECASE):
+            kind = "a web page (a download that failed?)"
+        if kind is None and b"\0" in self.data[:4096] and not self.data.startswith(_UTF_16):
+            kind = "binary data"
+        if kind is not None:
+            raise self.error(0, f"must be text, got {kind}")
+
+    @property
+    def head(self) -> str:
+        """The beginning of the text."""
+        return SourceFile(self.file, self.data[:4096]).text
 
     @property
     def is_xml(self) -> bool:
         """Whether the content begins as XML does."""
-        return self.data[:4096].lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
+        return self.head.lstrip().startswith("<")
 
     def lines(self) -> list[tuple[int, str]]:
         """Lines that are not blank, stripped, each with its number counted from 1.
 
         Raises:
-            InputError: The last line has no line break and closes no block: a number cut short reads as another.
+            InputError: The last line has no line break, and fewer digits than those before it: a number cut short reads
+                as another.
         """
         text = self.text
         found = [(number, line.strip()) for number, line in enumerate(text.split("\n"), start=1) if line.strip()]
-        open_end = bool(found) and not text.rstrip(" \t\r").endswith("\n")
-        if open_end and not _END_OF_BLOCK.fullmatch(found[-1][1]):
-            number, line = found[-1]
-            raise self.error(number, "must end with a line break, or the file may be cut off", value=line[-30:])
+        if found and not text.rstrip(" \t\r").endswith("\n"):
+            (number, line), before = found[-1], {_digits(line) for _, line in found[-1 - _LINES_ALIKE : -1]}
+            if len(found) > _LINES_ALIKE and len(before) == 1 and -1 < _digits(line) < max(before):
+                rule = "must have as many digits as the lines before, or a line break: the file may be cut off"
+                raise self.error(number, rule, value=line[-30:])
         return found
 
     def error(self, line: int, rule: str, field: str = "", value: Any = NO_VALUE, form: str = "") -> InputError:
@@ -76,6 +125,12 @@ class SourceFile:
             raise self.located(error.within(field), line) from None
 
 
+def _digits(line: str) -> int:
+    """Digits behind the point of the number that ends a line; -1 where none does."""
+    match = re.search(r"(?<![^\s,;])[-+]?\d*(?:\.(\d*))?$", line)
+    return -1 if match is None or not match[0] else len(match[1] or "")
+
+
 def read_source(path: str | os.PathLike[str]) -> SourceFile:
     """Read a file, which must not be empty."""
     file = os.fspath(path)
@@ -86,9 +141,26 @@ def read_source(path: str | os.PathLike[str]) -> SourceFile:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "is no name of a file"
         raise InputError(f"cannot be read: {reason}").of(file) from None
+    data = _unpacked(file, data)
     if not data.strip():
         raise InputError("must hold data, got an empty file").of(file)
     return SourceFile(file, data)
+
+
+def _unpacked(file: str, data: bytes) -> bytes:
+    """Content of a file that may be compressed."""
+    module = next((module for start, module in _PACKED.items() if data.startswith(start)), None)
+    if module is None:
+        return data
+    packed = importlib.import_module(module)
+    try:
+        with packed.open(io.BytesIO(data)) as stream:
+            plain: bytes = stream.read(LARGEST_BYTES + 1)
+    except (OSError, EOFError, ValueError, packed.__dict__.get("LZMAError", OSError), zlib.error):
+        raise InputError(f"must be whole, got damaged {module} data").of(file) from None
+    if len(plain) > LARGEST_BYTES:
+        raise InputError(f"must hold at most {LARGEST_BYTES} bytes once it is no longer compressed").of(file)
+    return plain
 
 
 class Rows(NamedTuple):

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.errors import InputError
+from warpsim.exchange.geodetic import geodetic_to_itrf_m, great_arcs
 from warpsim.exchange.instants import FileInstants, later
 from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, Interpolation, known_stk_frame
 from warpsim.exchange.source import (
@@ -26,7 +28,7 @@ F64 = NDArray[np.float64]
 
 _VERSION = re.compile(r"stk\.v\.(\d+)(\.\d+)*", re.ASCII | re.IGNORECASE)
 _UNITS = {"meters": 1.0, "meter": 1.0, "m": 1.0, "kilometers": 1e3, "kilometer": 1e3, "km": 1e3}
-_METHODS: dict[str, Interpolation] = {"lagrange": "lagrange", "hermite": "hermite"}
+_METHODS: dict[str, Interpolation] = {"lagrange": "lagrange", "hermite": "hermite", "greatarc": "hermite"}
 _DEFAULT_SAMPLES_M1 = 5
 """STK's own, for files that name none."""
 
@@ -34,9 +36,11 @@ _COMMON = ("ScenarioEpoch", "CentralBody", "InterpolationMethod", "Interpolation
            "BlockingFactor", "TimeFormat", "MessageLevel")  # fmt: skip
 _EPHEMERIS_KEYWORDS = (*_COMMON, "NumberOfEphemerisPoints", "CoordinateSystem", "CoordinateSystemEpoch",
                        "DistanceUnit", "EphemerisName", "NumberOfCovariancePoints", "CovarianceFormat")  # fmt: skip
-_ATTITUDE_KEYWORDS = (*_COMMON, "NumberOfAttitudePoints", "CoordinateAxes", "CoordinateAxesEpoch")
-_EPHEMERIS_DATA = {"EphemerisTimePos": 4, "EphemerisTimePosVel": 7, "EphemerisTimePosVelAcc": 10}
-_ATTITUDE_DATA = {"AttitudeTimeQuaternions": 5, "AttitudeTimeQuatScalarFirst": 5, "AttitudeTimeQuatAngVels": 8}
+_ATTITUDE_KEYWORDS = (*_COMMON, "NumberOfAttitudePoints", "CoordinateAxes", "CoordinateAxesEpoch", "Sequence")
+_EPHEMERIS_DATA = {"EphemerisTimePos": 4, "EphemerisTimePosVel": 7, "EphemerisTimePosVelAcc": 10,
+                   "EphemerisLLATimePos": 4, "EphemerisLLATimePosVel": 7}  # fmt: skip
+_ATTITUDE_DATA = {"AttitudeTimeQuaternions": 5, "AttitudeTimeQuatScalarFirst": 5, "AttitudeTimeQuatAngVels": 8,
+                  "AttitudeTimeEulerAngles": 4}  # fmt: skip
 
 _SAME_S = 1e-6
 """Times closer than this are the same where a boundary is looked for."""
@@ -63,43 +67,68 @@ class _Block:
 
 def is_stk(source: SourceFile) -> bool:
     """Return whether a file looks like one of STK's."""
-    return re.match(rb"(\s*#[^\n]*\n)*\s*stk\.v\.", source.data[:4096], re.IGNORECASE) is not None
+    return re.match(r"(\s*#[^\n]*\n)*\s*stk\.v\.", source.head, re.IGNORECASE) is not None
 
 
 def read_stk_ephemeris(source: SourceFile) -> list[EphemerisSegment]:
     """Segments of an ephemeris file, cut at its segment boundaries. The object is called as the file is."""
     block = _read_block(source, "Ephemeris", _EPHEMERIS_KEYWORDS, _EPHEMERIS_DATA)
-    frame, epoch = _frame_and_epoch(source, block, "CoordinateSystem", "CoordinateSystemEpoch")
+    frame, epoch = _frame_and_epoch(source, block, "CoordinateSystem")
     text, line = block.value("DistanceUnit", "meters")
     if text.lower() not in _UNITS:
         raise source.error(line, "must be Meters or Kilometers", "DistanceUnit", text)
     unit_m = _UNITS[text.lower()]
     values = _checked_values(source, block, _EPHEMERIS_DATA[block.data], "NumberOfEphemerisPoints")
     method, degree = _interpolation(source, block)
+    velocity_m_s: F64 | None = None
+    if block.data.startswith("EphemerisLLA"):
+        _check_geodetic(source, block, frame, values)
+        position_m = geodetic_to_itrf_m(values[:, 1], values[:, 2], unit_m * values[:, 3])
+    else:
+        position_m = unit_m * values[:, 1:4]
+        velocity_m_s = unit_m * values[:, 4:7] if values.shape[1] >= 7 else None
+    arcs = block.value("InterpolationMethod")[0].lower() == "greatarc"
+    if block.data.startswith("EphemerisLLA") and not arcs:
+        method = "lagrange"  # of the positions alone
     segments = []
     for rows in _pieces(values[:, 0], block.boundary_s):
+        states = values[rows, 0], position_m[rows], None if velocity_m_s is None else velocity_m_s[rows]
+        if arcs:
+            states, degree = great_arcs(*states[:2]), 3
         segments.append(
             EphemerisSegment(
                 object_name=Path(source.file).stem,
                 object_id="",
                 frame=frame,
-                instants=later(epoch, values[rows, 0]),
-                position_m=unit_m * values[rows, 1:4],
-                velocity_m_s=unit_m * values[rows, 4:7] if values.shape[1] >= 7 else None,
+                instants=later(epoch, states[0]),
+                position_m=states[1],
+                velocity_m_s=states[2],
                 interpolation=method,
                 degree=degree,
+                sampled=arcs,
                 file=source.file,
                 line=block.rows.lines[rows.start],
-                lines=np.array(block.rows.lines[rows], np.int64),
+                lines=None if arcs else np.array(block.rows.lines[rows], np.int64),
             )
         )
     return segments
 
 
+def _check_geodetic(source: SourceFile, block: _Block, frame: Frame, values: F64) -> None:
+    """Check that geodetic positions are in the Earth's axes, and latitudes."""
+    if frame != "ITRF":
+        line = block.value("CoordinateSystem")[1]
+        raise source.error(line, "must be Fixed for geodetic positions", "CoordinateSystem")
+    bad = np.abs(values[:, 1]) > 90.0
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise source.error(block.rows.lines[row], "must be in [-90, 90] deg", "latitude", values[row, 1], "g")
+
+
 def read_stk_attitude(source: SourceFile) -> list[AttitudeSegment]:
-    """The segment of an attitude file. Rates are left out."""
+    """The segment of an attitude file."""
     block = _read_block(source, "Attitude", _ATTITUDE_KEYWORDS, _ATTITUDE_DATA)
-    frame, epoch = _frame_and_epoch(source, block, "CoordinateAxes", "CoordinateAxesEpoch")
+    frame, epoch = _frame_and_epoch(source, block, "CoordinateAxes")
     values = _checked_values(source, block, _ATTITUDE_DATA[block.data], "NumberOfAttitudePoints")
     order = [2, 3, 4, 1] if block.data == "AttitudeTimeQuatScalarFirst" else [1, 2, 3, 4]
     return [
@@ -110,12 +139,24 @@ def read_stk_attitude(source: SourceFile) -> list[AttitudeSegment]:
             body_frame="body",
             instants=later(epoch, values[:, 0]),
             # STK's quaternion of the reference axes to the body's is the turn that carries the former to the latter.
-            quaternion=values[:, order],
+            quaternion=values[:, order] if values.shape[1] > 4 else _from_euler_angles(source, block, values[:, 1:4]),
+            rate_rad_s=np.radians(values[:, 5:8]) if values.shape[1] == 8 else None,  # of the body, in its axes
             file=source.file,
             line=block.line,
             lines=np.array(block.rows.lines, np.int64),
         )
     ]
+
+
+def _from_euler_angles(source: SourceFile, block: _Block, angle_deg: F64) -> F64:
+    """Quaternions of turns about the axes of `Sequence`, one after the other, each about the axes as turned so far."""
+    from scipy.spatial.transform import Rotation
+
+    text, line = block.value("Sequence", "313")
+    if not re.fullmatch(r"(?!(.)\1)(?!.(.)\2)[123]{3}", text):
+        raise source.error(line, "must be three axes like 313 or 321", "Sequence", text[:20])
+    turned = Rotation.from_euler(text.translate(str.maketrans("123", "XYZ")), angle_deg, degrees=True)
+    return np.asarray(turned.as_quat(), np.float64)
 
 
 def _read_block(source: SourceFile, name: str, keywords: tuple[str, ...], data: dict[str, int]) -> _Block:
@@ -132,7 +173,7 @@ def _read_block(source: SourceFile, name: str, keywords: tuple[str, ...], data: 
     for number, line in lines[begin + 1 :]:
         words = line.split()
         if closed:
-            raise source.error(number, f"must not follow END {name}", value=line[:40])
+            break
         if inside:
             inside = _read_inside(source, block, inside, number, line)
         elif _words(line) == ["end", name.lower()]:
@@ -194,15 +235,15 @@ def _words(line: str) -> list[str]:
     return line.lower().split()
 
 
-def _frame_and_epoch(source: SourceFile, block: _Block, name: str, epoch_name: str) -> tuple[Frame, FileInstants]:
-    """Frame and scenario epoch, after a look at the keywords that only one value is read of."""
+def _frame_and_epoch(source: SourceFile, block: _Block, name: str) -> tuple[Frame, FileInstants]:
+    """Frame and scenario epoch, after a look at the keywords that only one value is read of.
+
+    An epoch of the axes says nothing: those that depend on one are not read.
+    """
     for keyword, allowed in (("CentralBody", "Earth"), ("TimeFormat", "EpSec")):
         value, line = block.value(keyword, allowed)
         if value.lower() != allowed.lower():
             raise source.error(line, f"must be {allowed}", keyword, value)
-    _, line = block.value(epoch_name)
-    if line:
-        raise source.error(line, "must not be given, axes of an epoch are not read", epoch_name)
     for keyword in (name, "ScenarioEpoch"):
         if not block.value(keyword)[1]:
             raise source.error(block.line, f"must have {keyword}")
@@ -210,7 +251,13 @@ def _frame_and_epoch(source: SourceFile, block: _Block, name: str, epoch_name: s
     with source.at(line, name):
         frame = known_stk_frame(text)
     text, line = block.value("ScenarioEpoch")
-    return frame, dates_of(source, [text], [line], "UTC", "ScenarioEpoch")
+    text = text.strip("\"'")
+    try:
+        return frame, dates_of(source, [text], [line], "UTC", "ScenarioEpoch")
+    except InputError as error:
+        if error.rule.startswith("must be a date like"):
+            raise source.error(line, "must be a date like 20 Mar 2025 12:00:00.0", "ScenarioEpoch", text[:40]) from None
+        raise
 
 
 def _checked_values(source: SourceFile, block: _Block, n_column: int, keyword: str) -> F64:
@@ -227,7 +274,7 @@ def _interpolation(source: SourceFile, block: _Block) -> tuple[Interpolation, in
     """Method and degree; STK counts samples less one, under two names."""
     text, line = block.value("InterpolationMethod", "Lagrange")
     if text.lower() not in _METHODS:
-        raise source.error(line, "must be Lagrange or Hermite", "InterpolationMethod", text)
+        raise source.error(line, "must be Lagrange, Hermite or GreatArc", "InterpolationMethod", text)
     method = _METHODS[text.lower()]
     samples_m1 = _DEFAULT_SAMPLES_M1
     most = 13 if method == "hermite" else 27

@@ -6,6 +6,7 @@ velocities [m/s] in GCRS axes, (n_time, n_object, 3), with one object for an orb
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
@@ -20,6 +21,7 @@ from warpsim.constants import EARTH_GM_M3_S2
 from warpsim.errors import InputError
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, pole_of_date
+from warpsim.orbit.element_catalog import LeftOut
 from warpsim.orbit.elements import KeplerOrbit, StateVector, state_to_elements
 from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
 from warpsim.orbit.gravity import Gravity, propagate
@@ -289,6 +291,28 @@ Constellation = Annotated[
 """Any kind of constellation."""
 
 complete(MixedConstellation, Constellation=Constellation)
+
+
+def without_lost(part: Any, epoch: Epoch, first_s: float, last_s: float) -> tuple[Any, list[LeftOut]]:
+    """Return a path or a constellation without the satellites that have no state in a span, and these.
+
+    Those of element sets are meant (`TleSatellites.within`); what has none of them is returned itself.
+    """
+    if isinstance(part, TleSatellites):
+        return part.within(epoch, first_s, last_s)
+    if not isinstance(part, MixedConstellation):
+        return part, []
+    found = [without_lost(item, epoch, first_s, last_s) for item in part.parts]
+    gone = [item for _, some in found for item in some]
+    return (dataclasses.replace(part, parts=tuple(item for item, _ in found)) if gone else part), gone
+
+
+def invalid_sets(part: Any) -> list[LeftOut]:
+    """Return the element sets of a path or a constellation that are not valid, and done without."""
+    if isinstance(part, TleSatellites | TleOrbit):
+        return list(part.left_out)
+    inner = getattr(part, "parts", ()) or [item.orbit for item in getattr(part, "satellites", ())]
+    return [one for item in inner for one in invalid_sets(item)]
 
 
 def _names_without_files(part: Constellation) -> list[str]:

@@ -28,7 +28,7 @@ from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 from warpsim.errors import InputError
 from warpsim.exchange.segments import FRAMES, AttitudeSegment
 from warpsim.instant import tt_jd
-from warpsim.quaternion import from_matrix, in_one_hemisphere, product, unit
+from warpsim.quaternion import conjugate, from_matrix, in_one_hemisphere, product, rotated, unit
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
@@ -263,13 +263,18 @@ def eme2000_to_gcrs() -> F64:
     return np.asarray(bias, np.float64).T
 
 
-def attitude_in_gcrs(segment: AttitudeSegment, epoch: Epoch) -> tuple[F64, F64]:
-    """Return times [s since epoch] (n,) and unit quaternions (x, y, z, scalar) from body to GCRS axes (n, 4).
+def attitude_in_gcrs(segment: AttitudeSegment, epoch: Epoch) -> tuple[F64, F64, F64 | None]:
+    """Return times [s since epoch] (n,), unit quaternions (x, y, z, scalar) from body to GCRS axes (n, 4), and rates.
+
+    Rates are the body's angular velocities relative to GCRS in its own axes [rad/s], (n, 3); None where there are none.
 
     Neighbours have signs as interpolation along the shorter way needs them.
     """
     time_s = segment.instants.since(epoch)
-    quaternion = segment.quaternion
+    quaternion, rate_rad_s = segment.quaternion, segment.rate_rad_s
+    if rate_rad_s is not None and segment.frame not in ("GCRF", "EME2000"):
+        spin = spin_rad_s(segment.frame, epoch, 0.5 * float(time_s[0] + time_s[-1]))
+        rate_rad_s = rate_rad_s + rotated(conjugate(quaternion), spin)
     if segment.frame != "GCRF":
         quaternion = product(from_matrix(frame_to_gcrs(segment.frame, epoch, time_s)), quaternion)
-    return time_s, in_one_hemisphere(unit(quaternion))
+    return time_s, in_one_hemisphere(unit(quaternion)), rate_rad_s

@@ -10,6 +10,7 @@ outside it are room for its node grid, and the motion goes on from the segment a
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
+from pydantic_core import ArgsKwargs
 
 from warpsim.config.fields import FileName, as_tuple
 from warpsim.config.model import config_model
@@ -38,6 +40,9 @@ F64 = NDArray[np.float64]
 
 Span = tuple[float, float]
 """First and last time [s since the epoch]."""
+
+LOWEST_HERMITE = 3
+"""Lowest degree of Hermite's polynomials through two rows."""
 
 FREE_FLIGHT_S = 60.0
 """How far beyond the ends of its span a motion goes on."""
@@ -155,13 +160,25 @@ class EphemerisSatellites(_FileMotion):
     """All objects of files of states. Segments of one object, by name and number, may come in several files.
 
     Args:
-        files: Paths; see EphemerisOrbit.
+        files: Paths; see EphemerisOrbit. `file` is the same.
         frame: Axes of the files' states, instead of those that they state themselves.
     """
 
     files: Annotated[tuple[FileName, ...], BeforeValidator(_some_files)]
     frame: Frame | None = None
-    kind: Literal["ephemeris_files"] = "ephemeris_files"
+    kind: Literal["ephemeris_files", "ephemeris"] = "ephemeris_files"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_name(cls, data: Any) -> Any:
+        """Take `file`, one or several, for `files`."""
+        given = data if isinstance(data, dict) else data.kwargs or {}
+        if "file" not in given:
+            return data
+        if "files" in given:
+            raise InputError("must not both be given", "file, files")
+        named = {"files" if name == "file" else name: value for name, value in given.items()}
+        return named if isinstance(data, dict) else ArgsKwargs(data.args, named)
 
     @model_validator(mode="after")
     def _some(self) -> EphemerisSatellites:
@@ -188,7 +205,8 @@ class _Path:
         self.file = segments[0].file
         if len({segment.instants.relative for segment in segments}) > 1:
             raise self.error("must all be dates, or all seconds since the scene's epoch", "times")
-        first = segments[0].instants[0]
+        first_segment = segments[0]
+        first = first_segment.instants[0]
 
         def since_first(instants: FileInstants) -> F64:
             return instants.since_instant(first)
@@ -200,6 +218,8 @@ class _Path:
                 early_s = end_s[1] - start_s[0]
                 rule = f"segments must not overlap, this one begins {early_s:g} s before the one before ends"
                 raise InputError(rule).of(self.name).of(f"line {other.line}").of(other.file)
+        single = len(segments) == 1 and len(first_segment.instants) == 1 and first_segment.velocity_m_s is not None
+        self.free_flight_s = math.inf if single else FREE_FLIGHT_S
         lonely = next((s for s in segments if len(s.instants) < 2 and s.velocity_m_s is None), None)
         if lonely is not None:
             raise self.error("must have two positions or more in a segment without velocities")
@@ -219,11 +239,14 @@ class _Path:
 
     def note(self, epoch: Epoch, first_s: float, last_s: float) -> str | None:
         """One line if the rows within a span are so far apart that positions are off by a metre or more."""
+        if math.isinf(self.free_flight_s):
+            at = _shown(epoch, self.span_s(epoch)[0])
+            return f"{self.file}: {self.name}: one state, at {at}, from which it flies freely with J2"
         worst = 0.0, first_s, last_s  # error [m], and the rows' times
         for segment in self.segments:
             row_s = segment.instants.since(epoch)
             rows = np.flatnonzero((row_s[1:] > first_s) & (row_s[:-1] < last_s))
-            if rows.size:
+            if rows.size and not segment.sampled:
                 middle_s = 0.5 * (row_s[rows] + row_s[rows + 1])
                 missed_m = sampling_error(row_s, *_table(segment), middle_s)
                 at = rows[int(np.argmax(missed_m))]
@@ -243,7 +266,7 @@ class _Path:
         now_s = time_s if within_s is None else np.clip(time_s, *within_s)
         ends = np.array(self.ends_s(epoch))
         first_s, last_s = ends[0, 0], ends[-1, 1]
-        outside = ~((now_s >= first_s - FREE_FLIGHT_S) & (now_s <= last_s + FREE_FLIGHT_S))  # NaN too
+        outside = ~((now_s >= first_s - self.free_flight_s) & (now_s <= last_s + self.free_flight_s))  # NaN too
         if outside.any():
             bad = float(now_s[np.argmax(outside)])
             raise self.error(f"time {_shown(epoch, bad)} must be in the file's span, {_span(epoch, first_s, last_s)}")
@@ -268,7 +291,10 @@ def _table(segment: EphemerisSegment) -> tuple[F64, F64 | None, Interpolation, i
     """Positions, velocities, method and degree, as `interpolate` takes them."""
     usual: Interpolation = "lagrange" if segment.velocity_m_s is None else "hermite"
     method = segment.interpolation or usual
-    return segment.position_m, segment.velocity_m_s, method, segment.degree or DEFAULT_DEGREE
+    degree = segment.degree or DEFAULT_DEGREE
+    if method == "hermite":  # lower degrees go on from one row alone, whatever the next one says
+        degree = max(degree, LOWEST_HERMITE)
+    return segment.position_m, segment.velocity_m_s, method, degree
 
 
 def _shown(epoch: Epoch, time_s: float) -> str:

@@ -279,7 +279,7 @@ def make_tracks(
         if order < 0.5:  # of the error in the step: shorter ones do not help
             break
         # The worst interval was between the trials: a perigee, or a manoeuvre, where the velocity jumps.
-        first = first or (worst_m, step_s)
+        first, tracks = first or (worst_m, step_s), []  # the next ones need their memory
         proposed_s = step_s * max(0.25, 0.95 * (error_m / worst_m) ** (1 / min(order, 4.0)))
         step_s = _even_step_s(duration_s, max(shortest_s, proposed_s))
     if worst_m > WORST_TRACK_ERROR_M:

@@ -9,28 +9,25 @@ before a leap second and scenes behind it; the last one was at the end of 2016).
 
 from __future__ import annotations
 
-import difflib
-import fnmatch
+import dataclasses
 import hashlib
-import re
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
-from warpsim.config.fields import FileName, as_tuple, rule_error
+from warpsim.config.fields import FileName, Switch, as_tuple, rule_error
 from warpsim.config.model import config_model
 from warpsim.constants import DAY_S
 from warpsim.errors import InputError
-from warpsim.exchange.element_set import ElementSet
-from warpsim.exchange.elements_files import parse_element_sets, read_element_sets
-from warpsim.exchange.segments import plain_name
+from warpsim.exchange.element_set import ElementRecord, ElementSet
+from warpsim.exchange.elements_files import element_records, read_element_records
 from warpsim.instant import Instant, tt_jd, utc_time, years_ahead
 from warpsim.orbit.earth import frame_to_gcrs
+from warpsim.orbit.element_catalog import Catalog, LeftOut, Satellite, choose_one, read_catalog
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
@@ -56,19 +53,9 @@ NEAREST_KM, FARTHEST_KM = 6000.0, 1e6
 """Distances from the Earth's centre at which SGP4's states are believed: far from their epoch, sets give any."""
 
 _TT_MINUS_TAI_S = 32.184
+_LOOK_S = 60.0
+"""Step at which satellites are looked at for being lost."""
 _PAIRS_PER_CHUNK = 500_000  # (time, satellite) pairs of SGP4 held at once: some 30 MB
-
-
-class Satellite(NamedTuple):
-    """One object with all the element sets that there are of it."""
-
-    name: str
-    """Unique in its source; letters, digits, `_ . -`."""
-    sets: tuple[ElementSet, ...]
-
-    def set_for(self, epoch_jd_utc: float) -> ElementSet:
-        """The element set nearest to an instant."""
-        return min(self.sets, key=lambda item: abs(sum(item.epoch_jd_utc) - epoch_jd_utc))
 
 
 Lines = Annotated[tuple[str, ...], BeforeValidator(as_tuple)]
@@ -84,7 +71,21 @@ class _FromElementSets:
         lines: tuple[str, ...] | None
 
         @property
-        def satellites(self) -> tuple[Satellite, ...]: ...
+        def _catalog(self) -> Catalog: ...
+
+    @cached_property
+    def satellites(self) -> tuple[Satellite, ...]:
+        """The satellites, in the order of the source.
+
+        Raises:
+            InputError: The file cannot be read or is not valid, or what is chosen is not in it.
+        """
+        return self._catalog.satellites
+
+    @property
+    def left_out(self) -> tuple[LeftOut, ...]:
+        """Element sets that are not valid, and are done without."""
+        return self._catalog.left_out
 
     @property
     def checksum(self) -> str:
@@ -104,6 +105,10 @@ class _FromElementSets:
                 closer to the Earth's centre than 6,000 km or farther than 1e6 km.
         """
         return _sgp4_states(self.satellites, epoch, time_s)
+
+    def _of_source(self, error: InputError) -> InputError:
+        """The error with the source before it."""
+        return error.within("lines") if self.file is None else error.of(self.file)
 
     def age_days(self, epoch: Epoch) -> F64:
         """Return the ages of the element sets at an epoch [d], negative before theirs, shape (n_satellite,)."""
@@ -144,6 +149,11 @@ class TleSatellites(_FromElementSets):
     """The same as text, line by line."""
     only: Selectors | None = None
     """Names or catalog numbers of the satellites to take, with `*` and `?` as wild cards; all if left out."""
+    exclude: Selectors = ()
+    """Names or catalog numbers of satellites not to take."""
+    skip: Switch | None = None
+    """Whether satellites without a valid set, or without a state in the scene, are left out; where not, they are an
+    error. By default they are left out of sources of more than one set."""
     kind: Literal["tle"] = "tle"
 
     @model_validator(mode="after")
@@ -154,22 +164,46 @@ class TleSatellites(_FromElementSets):
         return self
 
     @cached_property
-    def satellites(self) -> tuple[Satellite, ...]:
-        """The satellites, in the order of the source.
-
-        Raises:
-            InputError: The file cannot be read or is not valid, or `only` names no satellite of it.
-        """
-        found = _satellites(self.file, self.lines)
-        if self.only is None:
-            return found
-        chosen = [_matches(found, pattern, "only") for pattern in self.only]
-        return tuple(item for item in found if any(item in some for some in chosen))
+    def _catalog(self) -> Catalog:
+        return read_catalog(_records(self.file, self.lines), self._of_source, self.only, self.exclude, self.skip)
 
     @property
     def names(self) -> list[str]:
         """Names of the satellites; without one in the source, `norad` and the catalog number."""
         return [item.name for item in self.satellites]
+
+    def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
+        """Return warnings: old element sets, and what `exclude` names that is not there."""
+        unmatched = self._catalog.unmatched
+        absent = [f"exclude: no object is called {', '.join(unmatched)}"] if unmatched else []
+        return [*super().notes(epoch, duration_s), *absent]
+
+    def within(self, epoch: Epoch, first_s: float, last_s: float) -> tuple[TleSatellites, list[LeftOut]]:
+        """Return the constellation without the satellites that have no state at some time of a span, and these.
+
+        They are looked for every minute. Where such satellites are an error it is the constellation itself.
+
+        Args:
+            epoch: The scene's epoch.
+            first_s: Begin of the span [s since epoch].
+            last_s: Its end.
+
+        Raises:
+            InputError: No satellite has states.
+        """
+        skips = self._catalog.n_set > 1 if self.skip is None else self.skip
+        lost = _lost(self.satellites, epoch, first_s, last_s) if skips else {}
+        if not lost:
+            return self, []
+        gone = [
+            LeftOut(one.name, *_record_of(one, epoch), lost[one.name]) for one in self.satellites if one.name in lost
+        ]
+        if len(gone) == len(self.satellites):
+            raise self._of_source(InputError(f"{gone[0].reason} (as all others)").of(gone[0].name))
+        rest = dataclasses.replace(self)
+        rest.__dict__["_catalog"] = self._catalog
+        rest.__dict__["satellites"] = tuple(one for one in self.satellites if one.name not in lost)
+        return rest, gone
 
 
 @config_model
@@ -182,7 +216,7 @@ class TleOrbit(_FromElementSets):
     """The same as text, line by line."""
     object: Selector | None = None
     """Its name or catalog number; may be left out where the source has one object only."""
-    kind: Literal["tle_orbit"] = "tle_orbit"
+    kind: Literal["tle_orbit", "tle"] = "tle_orbit"
 
     @model_validator(mode="after")
     def _one_source(self) -> TleOrbit:
@@ -190,18 +224,8 @@ class TleOrbit(_FromElementSets):
         return self
 
     @cached_property
-    def satellites(self) -> tuple[Satellite, ...]:
-        """The object, the only one.
-
-        Raises:
-            InputError: The file cannot be read or is not valid, or `object` names none or several of its objects.
-        """
-        found = _satellites(self.file, self.lines)
-        chosen = found if self.object is None else tuple(_matches(found, self.object, "object"))
-        if len(chosen) > 1:
-            names = ", ".join(item.name for item in chosen[:3]) + (", ..." if len(chosen) > 3 else "")
-            raise InputError(f"must choose one of {len(chosen)} objects ({names})", "object", self.object)
-        return chosen
+    def _catalog(self) -> Catalog:
+        return choose_one(_records(self.file, self.lines), self._of_source, self.object)
 
     @property
     def satellite(self) -> Satellite:
@@ -209,61 +233,14 @@ class TleOrbit(_FromElementSets):
         return self.satellites[0]
 
 
-def _satellites(file: str | None, lines: Sequence[str] | None) -> tuple[Satellite, ...]:
-    """Objects of a source; errors say of which."""
+def _records(file: str | None, lines: Sequence[str] | None) -> list[ElementRecord]:
+    """Element sets of a source, not yet parsed; errors say of which."""
     if file is not None:
-        return _named(read_element_sets(file), lambda error: error.of(file))
+        return read_element_records(file)
     try:
-        sets = parse_element_sets("\n".join(lines or ()))
+        return element_records("\n".join(lines or ()))
     except InputError as error:
         raise error.within("lines") from None
-    return _named(sets, lambda error: error.within("lines"))
-
-
-def _named(sets: Iterable[ElementSet], of_source: Callable[[InputError], InputError]) -> tuple[Satellite, ...]:
-    """Objects with all their sets, with names made unique; `of_source` puts the source before an error."""
-    grouped: dict[Any, list[ElementSet]] = {}
-    for item in sets:
-        key = item.norad_id if item.norad_id is not None else (item.name, item.international_designator)
-        grouped.setdefault(key, []).append(item)
-    groups = list(grouped.values())
-    first = [group[0] for group in groups]
-    # Names that can be a file's, of the catalog number where there is no other.
-    plain = [plain_name(one.name, "satellite" if one.norad_id is None else f"norad{one.norad_id:05d}") for one in first]
-    twice = {name for name, count in Counter(plain).items() if count > 1}
-    names = [f"{name}-{_identifier(one)}" if name in twice else name for name, one in zip(plain, first, strict=True)]
-    for name, count in Counter(names).items():
-        if count > 1:
-            group = groups[len(names) - 1 - names[::-1].index(name)]
-            error = InputError(f"name must be unique, got {name} twice").of(group[0].label).of(group[0].location)
-            raise of_source(error)
-    return tuple(Satellite(name, tuple(group)) for name, group in zip(names, groups, strict=True))
-
-
-def _identifier(item: ElementSet) -> str:
-    """Identifier that distinguishes objects of one name."""
-    known = item.international_designator if item.norad_id is None else f"{item.norad_id:05d}"
-    return re.sub(r"[^A-Za-z0-9_.-]+", "_", known)
-
-
-def _matches(found: Sequence[Satellite], pattern: str, field: str) -> list[Satellite]:
-    """Objects whose name (as in the file or cleaned) or catalog number is the pattern."""
-    requested = pattern.strip().upper()
-    number = int(requested) if re.fullmatch(r"\d{1,9}", requested, re.ASCII) else None
-
-    def fits(item: Satellite) -> bool:
-        first = item.sets[0]
-        texts = (first.name.upper(), item.name.upper(), f"{first.norad_id}")
-        # A name may hold brackets, which are no wild cards here.
-        glob = re.sub(r"\[", "[[]", requested)
-        return number == first.norad_id is not None or any(fnmatch.fnmatchcase(text, glob) for text in texts)
-
-    chosen = [item for item in found if fits(item)]
-    if not chosen:
-        close = difflib.get_close_matches(requested, [item.name.upper() for item in found], n=1)
-        hint = next((f" (did you mean {item.name}?)" for item in found if [item.name.upper()] == close), "")
-        raise InputError(f"no object of that name or catalog number, got {pattern!r}{hint}", field)
-    return chosen
 
 
 def _chosen_sets(satellites: Iterable[Satellite], epoch: Epoch) -> list[ElementSet]:
@@ -311,33 +288,71 @@ def _sgp4_states(satellites: Sequence[Satellite], epoch: Epoch, time_s: ArrayLik
     return position, velocity
 
 
+def _record_of(satellite: Satellite, epoch: Epoch) -> tuple[int | None, str]:
+    """Catalog number and location of the set that is taken."""
+    chosen = satellite.set_for(float(epoch.utc.jd))
+    return chosen.norad_id, chosen.location
+
+
+def _lost(satellites: Sequence[Satellite], epoch: Epoch, first_s: float, last_s: float) -> dict[str, str]:
+    """Satellites without a state at some time of a span, looked for every minute, and why, by name."""
+    sets = _chosen_sets(satellites, epoch)
+    offset_s = _TT_MINUS_TAI_S + _tai_minus_utc_s(sets)
+    times = np.linspace(first_s, last_s, max(2, int(np.ceil((last_s - first_s) / _LOOK_S)) + 1))
+    some = max(1, _PAIRS_PER_CHUNK // len(times))
+    found: dict[str, str] = {}
+    for value_s in np.unique(offset_s):
+        members = np.flatnonzero(offset_s == value_s)
+        for start in range(0, len(members), some):
+            part = [(satellites[i].name, sets[i]) for i in members[start : start + some].tolist()]
+            states = _Sgp4States(part, epoch, times, value_s)
+            for row in np.flatnonzero(states.bad.any(axis=1)).tolist():
+                found[part[row][0]] = states.reason(row, int(np.argmax(states.bad[row])))
+    return found
+
+
+class _Sgp4States:
+    """SGP4 for sets of one TT - UTC: TEME [km], [km/s], each (n_satellite, n_time, 3), and where there are none."""
+
+    def __init__(self, members: Sequence[tuple[str, ElementSet]], epoch: Epoch, times: F64, offset_s: float) -> None:
+        from sgp4.api import SatrecArray
+
+        self._members, self._epoch, self._times = members, epoch, times
+        whole, fraction = tt_jd(epoch, times)
+        self._code, self.r, self.v = SatrecArray([item.satrec for _, item in members]).sgp4(
+            np.full_like(times, whole), np.ascontiguousarray(fraction - offset_s / DAY_S)
+        )
+        self._radius_km = np.linalg.norm(self.r, axis=-1)
+        self._finite = np.isfinite(self._radius_km) & np.isfinite(self.v).all(axis=-1)
+        believed = (self._radius_km >= NEAREST_KM) & (self._radius_km <= FARTHEST_KM)
+        self.bad = (self._code != 0) | ~self._finite | ~believed
+
+    def reason(self, row: int, column: int) -> str:
+        """Why a satellite has no state at a time, which it says."""
+        from astropy.time import TimeDelta
+        from sgp4.api import SGP4_ERRORS
+
+        code, time_s, radius_km = self._code[row, column], self._times[column], self._radius_km[row, column]
+        reason = SGP4_ERRORS.get(int(code), "the state is not finite")
+        if code == 0 and self._finite[row, column]:
+            name, item = self._members[row]
+            days = _age_days([Satellite(name, (item,))], self._epoch)[0] + time_s / DAY_S
+            reason = (
+                f"{radius_km:.3g} km from the Earth's centre, not {NEAREST_KM:,.0f} to {FARTHEST_KM:,.0f} km, "
+                f"{abs(days):.0f} days {'after' if days >= 0 else 'before'} the element set's epoch"
+            )
+        with years_ahead():
+            start = utc_time(self._epoch.isot) if isinstance(self._epoch, Instant) else self._epoch
+            utc = (start + TimeDelta(time_s, format="sec")).utc.isot
+        return f"no state at {utc} UTC ({time_s:g} s): SGP4: {reason}"
+
+
 def _sgp4_block(
     members: Sequence[tuple[str, ElementSet]], epoch: Epoch, times: F64, offset_s: float
 ) -> tuple[F64, F64]:
-    """SGP4 for sets of one TT - UTC: TEME [km], [km/s], each (n_time, n_satellite, 3)."""
-    from astropy.time import TimeDelta
-    from sgp4.api import SGP4_ERRORS, SatrecArray
-
-    whole, fraction = tt_jd(epoch, times)
-    code, r, v = SatrecArray([item.satrec for _, item in members]).sgp4(
-        np.full_like(times, whole), np.ascontiguousarray(fraction - offset_s / DAY_S)
-    )
-    radius_km = np.linalg.norm(r, axis=-1)
-    finite = np.isfinite(radius_km) & np.isfinite(v).all(axis=-1)
-    bad = (code != 0) | ~finite | (radius_km < NEAREST_KM) | (radius_km > FARTHEST_KM)
-    if bad.any():
-        row = int(np.argmax(bad.any(axis=1)))
-        column = int(np.argmax(bad[row]))
-        reason = SGP4_ERRORS.get(int(code[row, column]), "the state is not finite")
-        if code[row, column] == 0 and finite[row, column]:
-            name, item = members[row]
-            days = _age_days([Satellite(name, (item,))], epoch)[0] + times[column] / DAY_S
-            reason = (
-                f"{radius_km[row, column]:.3g} km from the Earth's centre, not {NEAREST_KM:,.0f} to {FARTHEST_KM:,.0f} "
-                f"km, {abs(days):.0f} days {'after' if days >= 0 else 'before'} the element set's epoch"
-            )
-        with years_ahead():
-            start = utc_time(epoch.isot) if isinstance(epoch, Instant) else epoch
-            utc = (start + TimeDelta(times[column], format="sec")).utc.isot
-        raise InputError(f"no state at {utc} UTC ({times[column]:g} s): SGP4: {reason}").of(members[row][0])
-    return np.swapaxes(r, 0, 1), np.swapaxes(v, 0, 1)
+    """States of sets of one TT - UTC, which all must have: TEME [km], [km/s], each (n_time, n_satellite, 3)."""
+    states = _Sgp4States(members, epoch, times, offset_s)
+    if states.bad.any():
+        row = int(np.argmax(states.bad.any(axis=1)))
+        raise InputError(states.reason(row, int(np.argmax(states.bad[row])))).of(members[row][0])
+    return np.swapaxes(states.r, 0, 1), np.swapaxes(states.v, 0, 1)

@@ -10,6 +10,7 @@ from warpsim.instant import instant_after
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
 from warpsim.orbit.sampling import TRACK_ERROR_M
+from warpsim.output.check_attitudes import target_attitude_lines
 from warpsim.output.check_sensor import sensor_lines
 from warpsim.output.check_views import count_replaced, replaced_text
 from warpsim.output.wording import counted
@@ -32,6 +33,9 @@ RIGHT_ANGLE_DEFLECTION_ARCSEC = 4.07e-3
 """Bending of light 90 degrees from the Sun, seen from the Earth; elsewhere divided by tan(angle / 2)."""
 LIMB_DEFLECTION_ARCSEC = 1.75
 
+MOST_LEFT_OUT = 20
+"""Element sets left out that are listed."""
+
 _GROUP_SAMPLES = 400
 """Times at which the altitude of a group is looked at."""
 
@@ -51,11 +55,12 @@ def scene_report(scenario: Scenario) -> str:
         f"  epoch      {scenario.epoch.isot} UTC, {scene.duration_s:g} s",
         *_unused_lines(scenario),
         *_sky_lines(scenario, catalogs, skies.tiles),
+        *_left_out_lines(scenario),
         *_orbit_lines(scenario),
     ]
     for group in scene.groups:
         lines += _group_lines(group, scenario)
-    lines += _heat_lines(scenario)
+    lines += [*target_attitude_lines(scenario), *_heat_lines(scenario)]
     several = len(scenario.instruments) > 1
     for instrument in scenario.instruments.values():
         carried = f"  sensor     {instrument.sensor.name} on {counted(len(instrument.names), 'satellite')}"
@@ -164,6 +169,17 @@ def _orbit_lines(scenario: Scenario) -> list[str]:
         missed = f"near {rough.error_at_s:.6g} s interpolation is {rough.error_m * 1e3:.2g} mm off"
         lines.append(f"  warning    {rough.name} moves unevenly: {missed}")
     return lines
+
+
+def _left_out_lines(scenario: Scenario) -> list[str]:
+    """Element sets that the scene does without: how many, and the first of them."""
+    table = scenario.left_out
+    shown = [
+        f"             {row['name']}, {row['location']} of {row['part'] or 'the orbits'}: {row['reason']}"
+        for row in table[:MOST_LEFT_OUT]
+    ]
+    more = [f"             and {len(table) - len(shown):,} more (Scenario.left_out)"] if len(table) > len(shown) else []
+    return [f"  left out   {counted(len(table), 'element set')}", *shown, *more] if len(table) else []
 
 
 def _group_lines(group: TargetGroup, scenario: Scenario) -> list[str]:

@@ -16,6 +16,7 @@ from warpsim.detector.pixel_maps import read_maps
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import PsfAiry, PsfGaussian
 from warpsim.optics.wcs import ERROR_PX, sip_polynomials
+from warpsim.output.check_attitudes import attitude_lines
 from warpsim.output.check_background import background_lines
 from warpsim.output.check_views import FieldContents, count_replaced, field_contents, longest_streaks_px, replaced_text
 from warpsim.output.wording import counted
@@ -24,7 +25,7 @@ from warpsim.radiometry.by_band import in_band
 from warpsim.scene.band_descriptions import BandDescription
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
-from warpsim.scene.pointing import ALL, FixedPointing, Pointing, SchedulePointing, TrackPointing
+from warpsim.scene.pointing import ALL, BodyPointing, FixedPointing, Pointing, SchedulePointing, TrackPointing
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.target_access import target_margins
 from warpsim.sky.catalog import StarCatalog
@@ -337,6 +338,8 @@ def _pointing_lines(instrument: Instrument, scenario: Scenario, frames_of: Mappi
         f"  pointing   {_pointing_text(pointing)}{_where_text(pointing, number) if len(pointings) > 1 else ''}"
         for number, pointing in enumerate(pointings)
     ]
+    bodies_of = {own.attitude: None for own in instrument.program.sensors if own.attitude is not None}
+    lines += [line for rows in bodies_of for line in attitude_lines("body", rows, scenario.scene.duration_s)]
     views = frames_of if any(frames_of.values()) else _every_frame(instrument)
     found = field_contents(instrument, scenario.tracks, views)
     n_view = counted(found.n_view, "view")
@@ -366,6 +369,8 @@ def _pointing_text(pointing: Pointing) -> str:
     """Pointing law of a camera, and its errors."""
     if isinstance(pointing, TrackPointing):
         what = f"tracks {pointing.track}"
+    elif isinstance(pointing, BodyPointing):
+        what = f"fixed in a body, {pointing.file}"
     elif isinstance(pointing, SchedulePointing):
         what = f"{counted(len(pointing.steps), 'step')}"
     else:
@@ -377,7 +382,8 @@ def _pointing_text(pointing: Pointing) -> str:
         errors.append(f"drift {_size_text(pointing.drift.rms_urad_s, pointing.drift.urad_s)} urad/s")
     if pointing.jitter:
         errors.append(f"jitter {pointing.jitter.rms_urad:g} urad (rms)")
-    return ", ".join([what, f"{pointing.up} up", *errors])
+    up = [] if isinstance(pointing, BodyPointing) else [f"{pointing.up} up"]
+    return ", ".join([what, *up, *errors])
 
 
 def _size_text(rms: float | None, axes: tuple[float, float] | None) -> str:

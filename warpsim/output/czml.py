@@ -329,6 +329,8 @@ def _commanded_span_s(instrument: Instrument, index: int, duration_s: float) -> 
     first_s, last_s = program.steps[0].start_s, duration_s
     if program.scan is not None:
         first_s, last_s = float(program.scan.time_s[0]), float(program.scan.time_s[-1])
+    if program.attitude is not None:
+        first_s, last_s = program.attitude.span_s
     return max(first_s, 0.0), min(last_s, duration_s)
 
 

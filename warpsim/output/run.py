@@ -286,7 +286,7 @@ class Run:
     def _manifest(self, key: str, checksums: dict[str, str]) -> dict[str, Any]:
         """Manifest: files, inputs and versions."""
         plan, device = self.plan, self.renderer.device
-        tracks = plan.scenario.tracks
+        tracks, left_out = plan.scenario.tracks, plan.scenario.left_out
         return {
             "key": key,
             **made_with(),
@@ -295,6 +295,7 @@ class Run:
             "bands": plan.bands,
             "responses": {name: response_facts(plan.scenario.bands[name]) for name in plan.bands},
             "orbit_interpolation": {"node_step_s": tracks.step_s, "measured_error_m": tracks.error_m},
+            "left_out": [dict(zip(left_out.colnames, row.as_void().item(), strict=True)) for row in left_out],
             "sensors": {kind: _sensor_facts(plan, self.renderer, one) for kind, one in plan.instruments.items()},
             **plan.identity,
             "files": checksums,

@@ -10,6 +10,7 @@ import warp as wp
 from warpsim_kernels.aim import AimFeatures, make_aim_kernel
 from warpsim_kernels.aim import Pointing as PointingStruct
 from warpsim_kernels.pointing import (
+    LAW_ATTITUDE,
     LAW_FIXED,
     LAW_SCAN,
     LAW_TRACK,
@@ -22,13 +23,16 @@ from warpsim_kernels.pointing import PointingLaw as LawStruct
 from warpsim_kernels.pointing_errors import N_STEP, STEPS_PER_CORRELATION, PointingError
 from warpsim_kernels.pointing_errors import Jitter as JitterStruct
 
+from warpsim.launches import to_numpy
+from warpsim.render.target_field import make_attitudes
 from warpsim.scene.camera_axes import PointingLaw
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.pointing import Bias, Drift, Jitter
 from warpsim.scene.pointing_table import DirectionRows
 from warpsim.streams import normals
+from warpsim.target.attitude_table import AttitudeRows
 
-_KINDS = {"track": LAW_TRACK, "fixed": LAW_FIXED, "scan": LAW_SCAN}
+_KINDS = {"track": LAW_TRACK, "fixed": LAW_FIXED, "scan": LAW_SCAN, "attitude": LAW_ATTITUDE}
 _UPS = {"zenith": UP_ZENITH, "north": UP_NORTH, "orbit_normal": UP_ORBIT_NORMAL}
 
 _RAD_PER_URAD = 1e-6
@@ -50,6 +54,8 @@ def make_pointing(instrument: Instrument, device: wp.Device) -> tuple[wp.Kernel,
         _put_steps(struct, instrument, device)
     if features.scan:
         struct.rows = _scan_rows([own.scan for own in program.sensors], device)
+    if features.attitude:
+        _put_attitudes(struct.rows, [own.attitude for own in program.sensors], device)
     if features.steady_errors:
         errors = [_error_struct(instrument, sensor) for sensor in range(len(instrument.names))]
         struct.errors = wp.array(errors, dtype=PointingError, device=device)
@@ -69,7 +75,8 @@ def aim_features(instrument: Instrument) -> AimFeatures:
     return AimFeatures(
         track=commanded or "track" in kinds,
         fixed=commanded or "fixed" in kinds,
-        scan=any(own.scan is not None for own in sensors),
+        scan="scan" in kinds,
+        attitude="attitude" in kinds,
         steps=steps,
         slews=steps and any(own.slew is not None for own in sensors),
         steady_errors=any(_errs(own.bias) or _errs(own.drift) for own in sensors),
@@ -138,6 +145,18 @@ def _scan_rows(tables: Sequence[DirectionRows | None], device: wp.Device) -> Any
     rows.first = wp.array(np.asarray(first, dtype=np.int32), dtype=wp.int32, device=device)
     rows.count = wp.array(np.asarray(count, dtype=np.int32), dtype=wp.int32, device=device)
     return rows
+
+
+def _put_attitudes(rows: Any, attitudes: Sequence[AttitudeRows | None], device: wp.Device) -> None:
+    """Add the attitude tables of bodies, and where those of each sensor begin, to the rows of scans."""
+    rows.attitudes, spans = make_attitudes([one for one in attitudes if one is not None], device)
+    of_sensor = iter(spans)
+    own = [None if one is None else next(of_sensor) for one in attitudes]
+    for name, part in (("first", 0), ("count", 1)):
+        scans = getattr(rows, name)
+        before = np.zeros(len(own), np.int32) if scans is None else to_numpy(scans)
+        values = [old if span is None else span[part] for old, span in zip(before.tolist(), own, strict=True)]
+        setattr(rows, name, wp.array(values, dtype=wp.int32, device=device))
 
 
 def _error_struct(instrument: Instrument, sensor: int) -> Any:

@@ -10,11 +10,14 @@ import numpy.typing as npt
 
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.directions import normalised
+from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
+from warpsim.quaternion import rotated
 from warpsim.scene.pointing import Up
 from warpsim.scene.pointing_table import DirectionRows
 from warpsim.scene.tracks import Tracks
 from warpsim.sky.apparent import apparent_direction
+from warpsim.target.attitude_table import AttitudeRows
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -29,10 +32,10 @@ class PointingLaw:
     """Pointing law: the direction that a boresight tracks, and the roll of the image about it."""
 
     kind: str
-    """track, fixed or scan."""
+    """track, fixed, scan or attitude."""
     up: Up
     turn: F64
-    """What roll and offset make of camera axes that look straight at it, shape (3, 3)."""
+    """What roll and offset make of camera axes that look straight at it, or of the body's axes, shape (3, 3)."""
     targets: range = range(0)
     """track: indices of the targets, whose mean direction is tracked."""
     direction: F64 | None = None
@@ -98,9 +101,15 @@ def _shortest_turn(offset_px: tuple[float, float], camera: Camera) -> F64:
     return np.asarray(np.eye(3) + across + across @ across / (1.0 + z))
 
 
-def law_axes(law: PointingLaw, scan: DirectionRows | None, tracks: Tracks, at: SatelliteState) -> CommandedAxes:
-    """Return the axes that a law gives."""
+def law_axes(
+    law: PointingLaw, rows: DirectionRows | AttitudeRows | None, tracks: Tracks, at: SatelliteState
+) -> CommandedAxes:
+    """Return the axes that a law gives; rows are those of a scan, or of the attitude of the body."""
     n = len(at.time_s)
+    if isinstance(rows, AttitudeRows):
+        body = rotated(rows.at(np.clip(at.time_s, *rows.span_s))[:, None], np.eye(3))
+        nothing = np.zeros(n, dtype=bool)
+        return CommandedAxes(np.asarray(law.turn @ body), nothing, nothing.copy())
     zenith, normal = normalised(at.position_m), normalised(np.cross(at.position_m, at.velocity_m_s))
     forward = np.cross(normal, zenith)
     roll, local = np.broadcast_to(law.roll_rad, (n,)), law.local
@@ -109,8 +118,8 @@ def law_axes(law: PointingLaw, scan: DirectionRows | None, tracks: Tracks, at: S
     elif law.kind == "fixed":
         boresight = np.broadcast_to(np.asarray(law.direction), (n, 3))
     else:
-        assert scan is not None  # by the kind
-        (boresight, roll), local = scan.scan_at(at.time_s), scan.local
+        assert rows is not None  # by the kind
+        (boresight, roll), local = rows.scan_at(at.time_s), rows.local
     if local:
         boresight = normalised(np.einsum("ni,nij->nj", boresight, np.stack([forward, -normal, zenith], axis=1)))
 
@@ -139,6 +148,7 @@ def apparent_mean(tracks: Tracks, targets: Sequence[int], at: SatelliteState) ->
     for target in targets:
         emitted = at.time_s
         for _ in range(3):
+            _check_light_time(tracks, target, emitted, at.time_s)
             vector = tracks.target_state(target, emitted)[0] - at.position_m
             distance = np.linalg.norm(vector, axis=-1)
             emitted = at.time_s - distance / SPEED_OF_LIGHT_M_S
@@ -150,6 +160,19 @@ def apparent_mean(tracks: Tracks, targets: Sequence[int], at: SatelliteState) ->
         towards += np.where(tracks.exist(target, emitted - at.since_middle_s)[:, None], seen, 0.0)
     towards[np.linalg.norm(towards, axis=-1) < 1e-9] = 0.0
     return normalised(towards)
+
+
+def _check_light_time(tracks: Tracks, target: int, emitted_s: F64, time_s: F64) -> None:
+    """Check that light left a target when its track had begun."""
+    early = emitted_s < tracks.start_s
+    if early.any() and not (time_s < tracks.start_s).any():
+        worst = int(np.argmax(time_s - emitted_s))
+        late_s = float(time_s[worst] - emitted_s[worst])
+        rule = (
+            f"is too far: its light takes {late_s:.3g} s ({late_s * SPEED_OF_LIGHT_M_S / 1e3:,.0f} km) to the camera "
+            f"at {time_s[worst]:g} s, and its track begins at {tracks.start_s:g} s"
+        )
+        raise InputError(rule).of(tracks.targets[target].name)
 
 
 def _earth_velocity(tracks: Tracks, times: F64) -> F64:

@@ -11,7 +11,7 @@ from warpsim.background.function_map import function_checksum
 from warpsim.config.fields import FUNCTION
 from warpsim.detector.pixel_maps import SENSOR_FIELD
 from warpsim.scene.instrument import Instrument
-from warpsim.scene.pointing import TablePointing
+from warpsim.scene.pointing import BodyPointing, TablePointing
 from warpsim.scene.scenario import Scenario
 
 
@@ -61,6 +61,10 @@ def _table_checksums(instrument: Instrument) -> dict[str, str]:
     """Checksums of the rows of directions that were read from files, by path."""
     found: dict[str, str] = {}
     for entry, pointing in enumerate(instrument.sensor.pointing):
+        if isinstance(pointing, BodyPointing):
+            bodies = [own.attitude for own in instrument.program.sensors if own.entry == entry and own.attitude]
+            content = b"".join(one.time_s.tobytes() + one.quaternion.tobytes() for one in dict.fromkeys(bodies))
+            found[pointing.file] = hashlib.sha256(content).hexdigest()
         if isinstance(pointing, TablePointing) and pointing.file is not None:
             tables = [own.table for own in instrument.program.sensors if own.entry == entry and own.table is not None]
             rows = "".join(table.checksum for table in dict.fromkeys(tables))

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from warpsim.arguments import frame_numbers
 from warpsim.detector.levels import Levels, levels
 from warpsim.errors import InputError, errors_at
+from warpsim.instant import instant
 from warpsim.optics.psf import Psf
 from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.intervals import Intervals
@@ -186,8 +187,9 @@ class Instrument:
         sensors = list(zip(self.names, self.satellite_names, strict=True))
         bodies, sensor = self._bodies, self.sensor
         return make_program(
-            sensor.pointing, sensors, sensor.camera, bodies.targets, bodies.group_names, bodies.body_names
-        )
+            sensor.pointing, sensors, sensor.camera, bodies.targets, bodies.group_names, bodies.body_names,
+            instant(self._scene.epoch_utc),
+        )  # fmt: skip
 
     def commanded(self, program: PointingProgram, turns: Mapping[int, tuple[SlewTurn, ...]]) -> Instrument:
         """Return the same sensors with another pointing program, and the slews of those whose steps it has changed."""

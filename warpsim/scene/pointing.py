@@ -10,9 +10,19 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, Tag, model_validator
 
-from warpsim.config.fields import FileName, NonNegative, Number, Positive, as_tuple, closed_interval, rule_error
+from warpsim.config.fields import (
+    FileName,
+    NonNegative,
+    Number,
+    Positive,
+    Vector,
+    as_tuple,
+    closed_interval,
+    rule_error,
+)
 from warpsim.config.model import config_model, exactly_one
 from warpsim.errors import InputError
+from warpsim.quaternion import rotated
 from warpsim.scene.groups import kind_or
 
 Up = Literal["zenith", "north", "orbit_normal"]
@@ -33,6 +43,10 @@ TRACKED, ANY = "tracked", "any"
 
 ALL = "all"
 """Word for every satellite, or every sensor."""
+
+
+SATELLITE = "{satellite}"
+"""Stands for the name of a satellite in that of its attitude file."""
 
 
 def _patterns(value: Any) -> Any:
@@ -293,11 +307,68 @@ class TablePointing(_AnyPointing):
         return self
 
 
+@config_model
+class BodyPointing(_AnyPointing):
+    """Cameras fixed in a body whose attitude a file gives; further fields are those of every kind of pointing.
+
+    Args:
+        file: An attitude file (AEM, STK .a, CSV, ECSV); `{satellite}` in its name stands for that of the satellite.
+        object: Which object of the file, where it holds several; `{satellite}` as well.
+        boresight: Where the camera looks, in the body's axes.
+        image_up: What is up in its image, in the body's axes; any direction off the boresight.
+        mounting: Instead of these two, the quaternion (x, y, z, w) that turns components in camera axes (x to the
+            right, y down, z the boresight) into those in the body's.
+    """
+
+    file: FileName
+    object: str | None = None
+    boresight: Vector | None = None
+    image_up: Vector | None = None
+    mounting: tuple[Number, Number, Number, Number] | None = None
+    kind: Literal["body"] = Field(default="body", kw_only=True)
+
+    @model_validator(mode="after")
+    def _mounted(self) -> BodyPointing:
+        if self.up != "zenith":
+            raise InputError("must be left out: image_up says it in the body's axes", "up", self.up)
+        if (self.boresight is None) != (self.image_up is None):
+            raise InputError("both must be given, or none", "boresight, image_up")
+        if self.mounting is not None and self.boresight is not None:
+            raise InputError("must be left out where mounting is given", "boresight, image_up")
+        _ = self.axes_in_body
+        return self
+
+    @property
+    def axes_in_body(self) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Camera axes x, y, z as rows, in the body's axes, shape (3, 3).
+
+        Raises:
+            InputError: The quaternion has not norm 1, or a vector has no direction of its own.
+        """
+        if self.mounting is not None:
+            norm = float(np.linalg.norm(self.mounting))
+            if not abs(norm - 1.0) <= 1e-3:
+                raise InputError("must have norm 1", "mounting", norm, ".6g")
+            return rotated(np.array(self.mounting) / norm, np.eye(3))
+        if self.boresight is None or self.image_up is None:
+            return np.eye(3)
+        z, up = np.array(self.boresight), np.array(self.image_up)
+        if not np.linalg.norm(z) > 0.0:
+            raise InputError("must not be 0", "boresight", self.boresight)
+        z = z / np.linalg.norm(z)
+        y = z * (z @ up) - up
+        if not np.linalg.norm(y) > 1e-6 * np.linalg.norm(up):
+            raise InputError("must not be along the boresight, or 0", "image_up", self.image_up)
+        y = y / np.linalg.norm(y)
+        return np.stack([np.cross(y, z), y, z])
+
+
 Pointing = Annotated[
     Annotated[TrackPointing, Tag("track")]
     | Annotated[FixedPointing, Tag("fixed")]
     | Annotated[SchedulePointing, Tag("schedule")]
-    | Annotated[TablePointing, Tag("table")],
+    | Annotated[TablePointing, Tag("table")]
+    | Annotated[BodyPointing, Tag("body")],
     kind_or("track"),
 ]
 """Any kind of pointing; a table of a scene file that names no kind tracks."""

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError, errors_at
+from warpsim.instant import Instant
 from warpsim.optics.camera import Camera
 from warpsim.scene.camera_axes import (
     CommandedAxes,
@@ -23,7 +24,9 @@ from warpsim.scene.camera_axes import (
 )
 from warpsim.scene.pointing import (
     ALL,
+    SATELLITE,
     Bias,
+    BodyPointing,
     Drift,
     FixedPointing,
     Jitter,
@@ -40,6 +43,7 @@ from warpsim.scene.pointing_table import DirectionRows, check_cover, check_rate,
 from warpsim.scene.slews import NO_TURN, SlewTurn, between, slew_part, turn_between
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
+from warpsim.target.attitude_table import AttitudeRows, AttitudeTable
 
 F64 = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
@@ -72,6 +76,8 @@ class SensorProgram:
     jitter: Jitter | None
     entry: int
     """Index of the entry of the sensor's `pointing`."""
+    attitude: AttitudeRows | None = None
+    """Attitude of the body that the camera is fixed in, where it is in one."""
 
     @property
     def scan(self) -> DirectionRows | None:
@@ -95,6 +101,7 @@ class PointingProgram:
         """Return the times at which a sensor's camera jumps, or turns at another rate."""
         program = self.sensors[sensor]
         scans = [] if program.scan is None else program.scan.scan_breaks_s()
+        scans += [] if program.attitude is None else program.attitude.breaks_s()
         return sorted({*scans, *(step.start_s for step in program.steps if math.isfinite(step.start_s))})
 
 
@@ -105,8 +112,9 @@ def make_program(
     targets: Sequence[SceneTarget],
     groups: Sequence[str],
     known: set[str],
+    epoch: Instant | None = None,
 ) -> PointingProgram:
-    """Return the pointing program of sensors."""
+    """Return the pointing program of sensors; the epoch is needed where a file of attitudes is read."""
     taken: dict[int, int] = {}
     for number, pointing in enumerate(pointings):
         with errors_at(entry_path(number, len(pointings))):
@@ -117,7 +125,7 @@ def make_program(
     for index, (name, _) in enumerate(sensors):
         if index not in taken:
             raise InputError(f"must say where every sensor looks, got nothing for {name}", "pointing")
-    maker = _Maker(camera, targets, groups, known, [])
+    maker = _Maker(camera, targets, groups, known, [], epoch)
     made: dict[int, SensorProgram] = {}
     for number, pointing in enumerate(pointings):
         members = [index for index in range(len(sensors)) if taken[index] == number]
@@ -143,6 +151,7 @@ class _Maker:
     """Names that rows of tables may have."""
     laws: list[PointingLaw]
     """Those made so far."""
+    epoch: Instant | None
 
     def programs(self, pointing: Pointing, sensors: Sequence[tuple[str, str]], entry: int) -> list[SensorProgram]:
         """Return the programs of the sensors of an entry."""
@@ -150,6 +159,8 @@ class _Maker:
             return []
         if isinstance(pointing, TablePointing):
             return self._of_table(pointing, sensors, entry)
+        if isinstance(pointing, BodyPointing):
+            return self._of_attitude(pointing, sensors, entry)
         if isinstance(pointing, SchedulePointing):
             steps = self._schedule_steps(pointing)
         else:
@@ -168,6 +179,23 @@ class _Maker:
             return [SensorProgram(steps, own, True, pointing.slew, *errors, entry) for own in tables]
         steps_of = {id(own): self._row_steps(own, pointing.up, turn) for own in dict.fromkeys(tables)}
         return [SensorProgram(steps_of[id(own)], own, False, pointing.slew, *errors, entry) for own in tables]
+
+    def _of_attitude(
+        self, pointing: BodyPointing, sensors: Sequence[tuple[str, str]], entry: int
+    ) -> list[SensorProgram]:
+        assert self.epoch is not None  # callers know that there is a file
+        errors = pointing.bias, pointing.drift, pointing.jitter
+        steps = (Step(-math.inf, len(self.laws)),)
+        turn = image_turn(pointing.roll_deg, (0.0, 0.0), self.camera) @ pointing.axes_in_body
+        self.laws.append(PointingLaw("attitude", pointing.up, turn))
+        rows: dict[tuple[str, str | None], AttitudeRows] = {}
+        programs = []
+        for _, satellite in sensors:
+            name = pointing.object and pointing.object.replace(SATELLITE, satellite)
+            key = pointing.file.replace(SATELLITE, satellite), name
+            rows[key] = rows.get(key) or AttitudeTable(file=key[0], object=name).rows(self.epoch)
+            programs.append(SensorProgram(steps, None, False, None, *errors, entry, rows[key]))
+        return programs
 
     def _row_steps(self, table: DirectionRows, up: Up, turn: F64) -> tuple[Step, ...]:
         """A step for each row of a table."""
@@ -249,7 +277,7 @@ def step_turn(
 
     def axes_of(law: int, time_s: F64) -> F64:
         at = satellite_state(tracks, satellite, time_s)
-        return law_axes(program.laws[law], own.scan, tracks, at).axes
+        return law_axes(program.laws[law], own.scan or own.attitude, tracks, at).axes
 
     is_last = number + 1 == len(own.steps)
     end_s = math.inf if is_last else own.steps[number + 1].start_s
@@ -311,7 +339,7 @@ def _steps_axes(
             direction = np.array([laws[number].direction for number in numbers])[of_row]
             roll_rad = np.array([laws[number].roll_rad for number in numbers])[of_row]
             law = replace(law, direction=direction, roll_rad=roll_rad)
-        found = law_axes(law, own.scan, tracks, at.rows(rows))
+        found = law_axes(law, own.scan or own.attitude, tracks, at.rows(rows))
         axes[rows], up_lost[rows], lost[rows] = found.axes, found.up_replaced, found.boresight_replaced
     return CommandedAxes(axes, up_lost, lost)
 
@@ -333,6 +361,9 @@ def check_frames(program: PointingProgram, names: Sequence[str], time_s: F64) ->
     for name, own in zip(names, program.sensors, strict=True):
         if own.scan is not None:
             check_cover(own.scan, True, name, time_s)
+        elif own.attitude is not None:
+            with errors_at("pointing", name):
+                own.attitude.at([earliest_s, time_s.max()])
         elif own.steps[0].start_s > earliest_s:
             first_s = own.steps[0].start_s
             what = "rows" if own.steps[0].field.startswith("rows") else "steps"

@@ -32,6 +32,7 @@ from warpsim.scene.checks import (
 )
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
+from warpsim.scene.left_out import left_out_table, without_lost_satellites
 from warpsim.scene.roster import Roster, some_names
 from warpsim.scene.sensors import sensor_instances
 from warpsim.scene.short_form import with_paths
@@ -62,9 +63,11 @@ class Scenario:
         if not isinstance(scene, SceneDescription):
             rule = f"must be a Scene, got {type(scene).__name__}; Scene.load reads presets and files"
             raise InputError(rule, "scene")
-        self.scene = scene
         self.epoch: Instant = instant(scene.epoch_utc)
         """What all times count from."""
+        scene, self._left_out = without_lost_satellites(scene, self.epoch)
+        self.scene = scene
+        """The description, without the satellites of element sets that have no state in it."""
         self._check_names()
         check_paths(scene.constellation, scene.groups, self.epoch, scene.duration_s)
         check_target_files(scene.groups)
@@ -104,6 +107,15 @@ class Scenario:
         """Names of the satellites, in the order of the constellation."""
         with errors_at("constellation"):
             return list(self.scene.constellation.names)
+
+    @cached_property
+    def left_out(self) -> Table:
+        """Element sets that the scene does without, as a table: part of the scene, name, norad_id, location, reason.
+
+        Those that are not valid, and those of satellites without a state at some time of the scene; norad_id is -1
+        where it is not known.
+        """
+        return left_out_table(self._left_out)
 
     @cached_property
     def instruments(self) -> dict[str, Instrument]:

@@ -16,6 +16,7 @@ from warpsim.config.fields import FileName, Number, rows_in
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.quaternion import in_one_hemisphere, rotation_between_rad, slerp, unit
+from warpsim.target.attitude_rates import dense_rows, rates_fit, row_errors_rad
 from warpsim.target.timed_rows import DATE_ROUNDING_S, TimedRows
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ NORM_TOLERANCE = 1e-3
 """How far from 1 the norm of a given quaternion may be: three printed digits."""
 LARGEST_STEP_DEG = 170.0
 """Between neighbouring rows; nearer to half a turn, the way round is not known."""
+MOST_BREAKS = 2000
+"""Rows that are looked at one by one where access is sought; of more, those that turn the body half a radian."""
 SAME_ROTATION_RAD = 1e-6
 """How far the last row of a segment and the first of the next may differ."""
 
@@ -35,7 +38,7 @@ Times = Annotated[tuple[Number, ...], rows_in("s")]
 Quaternions = Annotated[tuple[tuple[Number, Number, Number, Number], ...], rows_in("")]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AttitudeRows(TimedRows):
     """A checked table: unit quaternions body -> GCRS, scalar last, all in one hemisphere with their neighbours."""
 
@@ -45,8 +48,32 @@ class AttitudeRows(TimedRows):
     """Shape (n, 4)."""
     source: str = ""
     """File and object that messages name; empty for inline rows."""
+    error_rad: F64 | None = None
+    """About how far the rows as given are off half-way between them [rad], (n_given - 1,); see `worst_error`."""
+    given_s: F64 | None = None
+    """Times of the rows as given [s], (n_given,): there are more in `time_s` where they have rates."""
+    epoch: Any = None
+    note: str = ""
+    """How rates are used, or why not; empty where there are none."""
 
     _of = "attitude table"
+
+    def worst_error(self, first_s: float, last_s: float) -> tuple[float, float]:
+        """Return the largest estimated error within a span [rad], and the time that it is near [s]."""
+        if self.error_rad is None or self.given_s is None or not len(self.error_rad):
+            return 0.0, first_s
+        within = (self.given_s[1:] > first_s) & (self.given_s[:-1] < last_s)
+        error_rad = np.where(within, self.error_rad, 0.0)
+        row = int(np.argmax(error_rad))
+        return float(error_rad[row]), float(0.5 * (self.given_s[row] + self.given_s[row + 1]))
+
+    def breaks_s(self) -> list[float]:
+        """Return times at which the body turns at another rate, and times at most half a radian apart."""
+        turned = np.concatenate([[0.0], np.cumsum(rotation_between_rad(self.quaternion[:-1], self.quaternion[1:]))])
+        n_part = max(1, int(np.ceil(turned[-1] / 0.5)))
+        given = self.time_s if self.given_s is None else self.given_s
+        apart = np.interp(np.linspace(0.0, turned[-1], n_part + 1), turned, self.time_s)
+        return [float(time) for time in np.union1d(apart, given if len(given) <= MOST_BREAKS else given[:0])]
 
     def at(self, time_s: npt.ArrayLike) -> F64:
         """Rotation body -> GCRS at times after the epoch [s]; scalar last, unit, shape (n, 4).
@@ -67,8 +94,9 @@ class AttitudeRows(TimedRows):
 class AttitudeTable:
     """Rotation of a body from a table; give file, or time_s and quaternion.
 
-    Between rows the body turns at a constant rate about one axis (slerp). A single row holds for all times; more must
-    cover the scene.
+    Between rows the body turns at a constant rate about one axis (slerp); where a file has angular velocities, along
+    the cubic of the rotation vector that keeps them, so that rows far apart serve. A single row holds for all times;
+    more must cover the scene.
 
     Args:
         file: An attitude file; read on first use, and then kept.
@@ -138,15 +166,16 @@ class AttitudeTable:
             rows = checked_rows(*_joined([attitude_in_gcrs(segment, epoch) for segment in chosen]))
         except InputError as error:
             raise error.of(self.file) from None
-        return replace(rows, source=f"{self.file}: {chosen[0].object_name}")
+        dated = None if chosen[0].instants.relative else epoch
+        return replace(rows, source=f"{self.file}: {chosen[0].object_name}", epoch=dated)
 
     def span_s(self, epoch: Epoch) -> tuple[float, float]:
         """First and last time of the table after epoch [s]; minus and plus infinity for a single row."""
         return self.rows(epoch).span_s
 
 
-def checked_rows(time_s: F64, quaternion: F64) -> AttitudeRows:
-    """A table as given, checked, with norms of 1 and neighbours in one hemisphere.
+def checked_rows(time_s: F64, quaternion: F64, rate_rad_s: F64 | None = None) -> AttitudeRows:
+    """A table as given, checked, with norms of 1 and neighbours in one hemisphere; with rates more rows between them.
 
     Raises:
         InputError: Lengths differ, times do not ascend, a norm is not 1, or neighbours differ by more than 170 degrees.
@@ -177,7 +206,14 @@ def checked_rows(time_s: F64, quaternion: F64) -> AttitudeRows:
             f"got {step_deg[far[0]]:.4g} deg from row {far[0]} to {far[0] + 1}",
             "quaternion",
         )
-    return AttitudeRows(np.asarray(time_s, dtype=np.float64), rows)
+    times, note = np.asarray(time_s, dtype=np.float64), ""
+    if rate_rad_s is not None and not rates_fit(times, rows, rate_rad_s):
+        rate_rad_s, note = None, "its angular velocities are not those of its rows, and not used"
+    error_rad = row_errors_rad(times, rows, rate_rad_s)
+    dense = (times, rows)
+    if rate_rad_s is not None:
+        dense, note = dense_rows(times, rows, rate_rad_s), "with its angular velocities"
+    return AttitudeRows(*dense, error_rad=error_rad, given_s=times, note=note)
 
 
 def _of_object(segments: Sequence[Any], name: str | None) -> list[Any]:
@@ -190,14 +226,15 @@ def _of_object(segments: Sequence[Any], name: str | None) -> list[Any]:
     return [segment for segment in segments if name in (None, segment.object_name)]
 
 
-def _joined(segments: Sequence[tuple[F64, F64]]) -> tuple[F64, F64]:
-    """Segments that begin where the one before ends, as one table.
+def _joined(segments: Sequence[tuple[F64, F64, F64 | None]]) -> tuple[F64, F64, F64 | None]:
+    """Segments that begin where the one before ends, as one table; rates where all have some.
 
     Raises:
         InputError: There is a gap, an overlap or a jump between two of them.
     """
-    time, quaternion = segments[0]
-    for next_time, next_quaternion in segments[1:]:
+    time, quaternion, _ = segments[0]
+    rates = [rate if number == 0 or rate is None else rate[1:] for number, (_, _, rate) in enumerate(segments)]
+    for next_time, next_quaternion, _ in segments[1:]:
         jump_rad = rotation_between_rad(unit(quaternion[-1]), unit(next_quaternion[0]))
         if abs(next_time[0] - time[-1]) > DATE_ROUNDING_S or jump_rad > SAME_ROTATION_RAD:
             raise InputError(
@@ -206,4 +243,5 @@ def _joined(segments: Sequence[tuple[F64, F64]]) -> tuple[F64, F64]:
             )
         time = np.concatenate([time, next_time[1:]])
         quaternion = np.concatenate([quaternion, next_quaternion[1:]])
-    return time, quaternion
+    known = [rate for rate in rates if rate is not None]
+    return time, quaternion, np.concatenate(known) if len(known) == len(rates) else None

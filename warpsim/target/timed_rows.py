@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,8 @@ class TimedRows:
     """After the epoch, ascending [s], shape (n,)."""
     source: str = ""
     """File and object that messages name; empty for inline rows."""
+    epoch: Any = None
+    """What the times count from, where the rows have dates that messages give as well."""
     _of = "rows"
 
     @property
@@ -41,7 +44,8 @@ class TimedRows:
         """
         first_s, last_s = self.span_s
         if first_s > start_s + DATE_ROUNDING_S or last_s < end_s - DATE_ROUNDING_S:
-            raise self._error(f"must cover the scene, {_span(start_s, end_s)}, got {_span(first_s, last_s)}")
+            got = _span(first_s, last_s) + self._dates(first_s, last_s)
+            raise self._error(f"must cover the scene, {_span(start_s, end_s)}, got {got}")
 
     def _times_within(self, time_s: npt.ArrayLike) -> F64:
         """Times as an array, none of them more than a second outside the rows."""
@@ -49,9 +53,18 @@ class TimedRows:
         first_s, last_s = self.span_s
         outside = ~((time >= first_s - END_SLACK_S) & (time <= last_s + END_SLACK_S)) | np.isnan(time)
         if outside.any():
-            span = _span(first_s, last_s)
+            span = _span(first_s, last_s) + self._dates(first_s, last_s)
             raise self._error(f"must be within the {self._of}, {span}, got {time[outside][0]:g}")
         return time
+
+    def _dates(self, first_s: float, last_s: float) -> str:
+        """The same span in UTC, of rows with dates."""
+        if self.epoch is None or not math.isfinite(first_s):
+            return ""
+        from warpsim.exchange.instants import instants_of_time, later
+
+        dates = later(instants_of_time(self.epoch), np.array([first_s, last_s])).dates("UTC", 3)
+        return f" ({' to '.join(dates)} UTC)"
 
     def _error(self, rule: str) -> InputError:
         """The error about the times: of the rows' source, or of the field time_s."""

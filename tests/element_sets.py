@@ -1,0 +1,62 @@
+"""Synthetic catalogs of element sets, with bad ones among them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def checksummed(line):
+    """The line with the checksum that it needs."""
+    return line[:68] + str(sum(int(c) if c in "0123456789" else c == "-" for c in line[:68]) % 10)
+
+
+def low_orbit(number, rng):
+    """Name and two lines of a satellite in low orbit, of 20 March 2025, 12:00 UTC."""
+    angle = rng.uniform(0.0, 360.0, 3)
+    inclination, eccentricity, motion = rng.uniform(30, 100), rng.integers(0, 20_000), rng.uniform(12.5, 15.5)
+    return [
+        f"SAT {number}",
+        checksummed(f"1 {number:05d}U 25001A   25079.50000000  .00000100  00000-0  10000-4 0  999"),
+        checksummed(
+            f"2 {number:05d} {inclination:8.4f} {angle[0]:8.4f} {eccentricity:07d} {angle[1]:8.4f} {angle[2]:8.4f} "
+            f"{motion:11.8f}    1"
+        ),
+    ]
+
+
+def wrong_checksum(lines):
+    return [*lines[:1], lines[1][:68] + str((int(lines[1][68]) + 1) % 10), lines[2]]
+
+
+def one_line(lines):
+    return lines[:2]
+
+
+def decayed(lines):
+    """So much drag that it is down within days."""
+    return [
+        lines[0],
+        checksummed(lines[1].replace("10000-4", "99999-0")),
+        checksummed(lines[2][:52] + "16.50000000    1"),
+    ]
+
+
+def not_a_number(lines):
+    return [*lines[:2], checksummed(lines[2][:26] + "12O4567" + lines[2][33:])]
+
+
+FAULTS = (wrong_checksum, one_line, decayed, not_a_number)
+"""What happens to sets of real catalogs, in turn."""
+
+
+def catalog(n, every=100):
+    """Lines of a catalog of n satellites, numbered from 1, and the numbers of the bad ones: one of `every`."""
+    rng = np.random.default_rng(1)
+    lines, bad = [], {}
+    for number in range(1, n + 1):
+        own = low_orbit(number, rng)
+        if number % every == every // 2:
+            bad[number] = FAULTS[number // every % len(FAULTS)]
+            own = bad[number](own)
+        lines += own
+    return lines, bad
