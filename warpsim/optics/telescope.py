@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import math
-import warnings
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -27,6 +26,7 @@ from warpsim.optics.tables import DEFAULT_ERROR, ERROR_RANGE
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band
 from warpsim.radiometry.by_band import AS_DICT, ByBand, are_names
+from warpsim.tables.fits_file import is_image, open_fits
 
 
 def _file_or_table(value: Any) -> str | ByBand[str]:
@@ -77,15 +77,13 @@ def _npy(source: SourceFile) -> npt.NDArray[Any]:
 
 def _fits(source: SourceFile) -> npt.NDArray[Any]:
     """The first image of two axes."""
-    from astropy.io import fits
-
     if not source.data.startswith(b"SIMPLE"):
         raise source.error(0, "must be a FITS image or a NumPy array (.npy)")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # headers that are not quite FITS
-            with fits.open(io.BytesIO(source.data)) as units:
-                images = [unit.data for unit in units if unit.is_image and unit.data is not None]
+        with open_fits(source.data) as units:
+            images = [unit.data for unit in units if is_image(unit)]
+    except InputError as error:
+        raise source.located(error, 0) from None
     except Exception as error:  # astropy's own and those of the layers below
         raise source.error(0, f"cannot be read as FITS: {one_line(error)}") from None
     flat = [image for image in images if image.ndim == 2]
