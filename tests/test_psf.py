@@ -153,7 +153,7 @@ def test_a_psf_does_not_change():
         ((np.zeros((0, 3)), 2), r"image: sides must be 1 to 2048, got \(0, 3\)"),
         ((np.ones((1, 2049)), 2), "image: sides must be 1 to 2048"),
         ((np.array([[1.0, np.nan]]), 2), "image: must be finite, got 1 bad values"),
-        ((-np.ones((2, 2)), 2), "image: must have a positive sum"),
+        ((-np.ones((2, 2)), 2), "image: must hold no negative samples, clip them at 0, got 4"),
         ((np.zeros((2, 2)), 2), "image: must have a positive sum"),
         ((np.ones((2, 2)), 0.9), r"oversample: must be in \[1, 256\], got 0.9"),
         ((np.ones((2, 2)), float("nan")), "oversample: must be in"),

@@ -161,7 +161,7 @@ ARC = {
         ({"targets__1__temperature__start_k": 1e300}, r"targets\[1\].temperature.start_k: must be in"),
         ({"targets__1__shape__radius_m": 1e100}, r"targets\[1\].shape.radius_m: must be in"),
         ({"targets__0__attitude__axis": [0, 0, 0]}, r"targets\[0\].attitude.axis: must not be the zero vector"),
-        ({"camera__fov_deg": 5e-324}, "camera.fov_deg: must be at least 1e-6"),
+        ({"camera__fov_deg": 5e-324}, "camera.fov_deg: must be 0, or at least 1e-60 in size"),
         ({"camera__n_row": 20000, "camera__n_col": 20000}, r"camera: n_row \* n_col \* number of bands"),
         ({"epoch_utc": "0001-01-01"}, "epoch_utc: must be"),
         ({"epoch_utc": "J2000"}, "epoch_utc: must be an ISO 8601"),

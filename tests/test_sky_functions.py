@@ -131,7 +131,7 @@ def test_check_says_the_size_of_the_map_in_each_band(module, tmp_path):
     ("name", "words"),
     [
         ("no-such.fits", "must be a file that exists"),
-        ("broken.fits", "cannot be read"),
+        ("broken.fits", "must be FITS, which begins with SIMPLE"),
         ("python:own_glow:raises", "fails in band A"),
     ],
 )

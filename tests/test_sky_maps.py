@@ -192,7 +192,7 @@ def test_files_that_are_damaged_are_one_line(tmp_path, content):
 def test_a_file_that_ends_early_is_one_line(tmp_path):
     whole = (tmp_path / "m.fits", image_file(tmp_path / "m.fits"))[0].read_bytes()
     (tmp_path / "m.fits").write_bytes(whole[:9000])
-    refused(tmp_path / "m.fits", "cannot be read")
+    refused(tmp_path / "m.fits", "ends early: the FITS data are cut off")
 
 
 def column(name="I", unit="MJy/sr", kind="E", array=None):

@@ -7,10 +7,10 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 from warpsim.commands import catalogs, detect, scenes, serving, speed
-from warpsim.errors import InputError
+from warpsim.errors import InputError, printable
 from warpsim.version import __version__
 
 
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # a full disk, say
-        print(f"warpsim: {error}", file=sys.stderr)
+        print(f"warpsim: {printable(str(error))}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("warpsim: interrupted; the same command goes on where it stopped", file=sys.stderr)
@@ -39,12 +39,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """Show a warning as one line, without its source location."""
-    print(f"warpsim: warning: {' '.join(str(message).split())}", file=sys.stderr)
+    print(f"warpsim: warning: {printable(' '.join(str(message).split()))}", file=sys.stderr)
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose refusals are printable."""
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with what is wrong."""
+        super().error(printable(message))
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line, with those of all commands."""
-    parser = argparse.ArgumentParser(prog="warpsim", description="Render what space-based infrared sensors see.")
+    parser = _Parser(prog="warpsim", description="Render what space-based infrared sensors see.")
     parser.add_argument("--version", action="version", version=f"warpsim {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for module in (scenes, detect, serving, catalogs, speed):

@@ -148,15 +148,26 @@ def shown(value: Any, form: str = "") -> str:
             return format(value, form)
         item = value.item() if hasattr(value, "item") and getattr(value, "ndim", None) == 0 else value
         text = " ".join(repr(item).split())  # arrays print over several lines
-    except RecursionError:
-        return f"a {type(value).__name__}"
+    except (RecursionError, ValueError, OverflowError):  # whole numbers of thousands of digits among them
+        return f"a {type(value).__name__}{' of very many digits' if isinstance(value, int) else ''}"
     return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
+
+
+_PYTHON = (AssertionError, AttributeError, LookupError, NameError, RecursionError)
+"""Errors of another library's code, where it did not foresee a damaged file: their texts are about Python."""
 
 
 def one_line(error: BaseException) -> str:
     """First line of what another library says, or its kind of error."""
+    if isinstance(error, _PYTHON):
+        return "it is damaged, or of another form"
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return lines[0][:200] if lines else type(error).__name__
+
+
+def printable_lines(text: str) -> str:
+    """A text of several lines, each printable."""
+    return "\n".join(map(printable, text.split("\n")))
 
 
 def printable(text: str) -> str:

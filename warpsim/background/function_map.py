@@ -85,4 +85,4 @@ def _error(rule: str, name: str) -> InputError:
 
 
 def _said(error: BaseException) -> str:
-    return f"{type(error).__name__}: {one_line(error)}"
+    return f"{type(error).__name__}: {one_line(ValueError(*error.args))}"

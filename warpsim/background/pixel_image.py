@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,8 @@ from numpy.typing import NDArray
 
 from warpsim.background.map_units import LARGEST
 from warpsim.errors import InputError, one_line
+from warpsim.tables.fits_file import is_image, open_fits
+from warpsim.tables.npy_file import npy_array
 
 
 def read_pixel_image(path: str, n_band: int, n_row: int, n_col: int) -> NDArray[np.float32]:
@@ -51,9 +52,9 @@ def read_pixel_image(path: str, n_band: int, n_row: int, n_col: int) -> NDArray[
 def _stored(path: str) -> Any:
     """The array in a file."""
     if path.lower().endswith(".npy"):
-        return np.load(path, allow_pickle=False)
-    from astropy.io import fits
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of damage, which fails where it matters
-        return fits.getdata(path)
+        return npy_array(Path(path).read_bytes())
+    with open_fits(path) as hdus:
+        found = next((hdu.data for hdu in hdus[:2] if is_image(hdu)), None)
+    if found is None:
+        raise InputError("must hold an image")
+    return found

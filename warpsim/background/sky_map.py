@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from warpsim.background.sky_plates import SkyMap, SkyPlate
 from warpsim.config.fields import FUNCTION
 from warpsim.errors import InputError, one_line
 from warpsim.radiometry.band import Band
+from warpsim.tables.fits_file import is_image, open_fits
 
 __all__ = ["radiance_scales", "response_width_hz", "sky_map_plates", "sky_map_sizes"]
 
@@ -64,16 +64,12 @@ def read_sky_map(path: str, bands: list[Band]) -> SkyMap:
     Raises:
         InputError: As `sky_map_plates`.
     """
-    from astropy.io import fits
-
     field = "background.sky_map"
     if not Path(path).is_file():
         raise InputError("must be a file that exists", field, path)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of damage, which fails below where it matters
-            with fits.open(path) as hdus:
-                return _map_in(hdus, bands)
+        with open_fits(path) as hdus:
+            return _map_in(hdus, bands)
     except InputError as error:
         raise error.of(path).within(field) from None
     except Exception as error:  # astropy raises many kinds for a broken file
@@ -86,7 +82,7 @@ def _map_in(hdus: Any, bands: list[Band]) -> SkyMap:
     for hdu in hdus:
         if str(hdu.header.get("PIXTYPE", "")).strip().upper() == "HEALPIX":
             return healpix_map(hdu, unit, bands)
-        if hdu.is_image and len(hdu.shape) >= 2 and 0 not in hdu.shape:
+        if is_image(hdu) and len(hdu.shape) >= 2 and 0 not in hdu.shape:
             if (wcs := celestial_wcs(hdu, hdus)) is not None:
                 return image_map(hdu, wcs, str(hdu.header.get("BUNIT", unit)), bands)
             plain = hdu if plain is None else plain

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpsim.commands.options import names, number, start_warp, whole_number
+from warpsim.commands.options import names, number, say, start_warp, whole_number
 from warpsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -56,11 +56,11 @@ def _catalog(options: argparse.Namespace) -> int:
     written = write_catalog(catalog, output, options.overwrite) if output else None
     if figure:
         _draw_counts(catalog, figure)
-    print(catalog_report(catalog, [str(warning.message) for warning in caught]))
+    say(catalog_report(catalog, [str(warning.message) for warning in caught]))
     if written is not None:
-        print(f"\n{len(written):,} {'star' if len(written) == 1 else 'stars'} at J{written.epoch_jyear} in {output}")
+        say(f"\n{len(written):,} {'star' if len(written) == 1 else 'stars'} at J{written.epoch_jyear} in {output}")
     if figure:
-        print(f"figure in {figure}")
+        say(f"figure in {figure}")
     return 0
 
 
@@ -178,7 +178,7 @@ def _dataset(options: argparse.Namespace) -> int:
             recipe, options.output, executor, n_worker, options.device, options.overwrite, not options.quiet
         )
     if not options.quiet:
-        print(report.text())
+        say(report.text())
     return 0
 
 

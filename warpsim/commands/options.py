@@ -9,7 +9,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, printable_lines
 
 if TYPE_CHECKING:
     from warpsim.scene.scenario import Scenario
@@ -54,6 +54,11 @@ def scenario_of(source: str) -> Scenario:
         return scene.scenario
     except InputError as error:
         raise error.of(source) from None
+
+
+def say(text: str) -> None:
+    """Print a text: what it quotes of scenes and files must not steer the terminal."""
+    print(printable_lines(text))
 
 
 def whole_number(where: str, text: str) -> int:

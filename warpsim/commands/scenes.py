@@ -14,6 +14,7 @@ from warpsim.commands.options import (
     frame_numbers,
     names,
     number,
+    say,
     scenario_of,
     start_warp,
     whole_number,
@@ -102,7 +103,7 @@ def _render(options: argparse.Namespace) -> int:
         preview=options.preview,
     )
     if not options.quiet:
-        print(report.text())
+        say(report.text())
     return 0
 
 
@@ -130,14 +131,14 @@ def _access(options: argparse.Namespace) -> int:
     counted = {"tracked": "what each sensor tracks", "any": "any target"}.get(
         table.meta["target"], table.meta["target"]
     )
-    print(f"{scenario.scene.name}: access to {counted}, seconds after {scenario.scene.epoch_utc} UTC")
+    say(f"{scenario.scene.name}: access to {counted}, seconds after {scenario.scene.epoch_utc} UTC")
     if len(table):
-        print("\n".join(table.pformat(max_lines=-1, max_width=-1, show_unit=True)))
+        say("\n".join(table.pformat(max_lines=-1, max_width=-1, show_unit=True)))
     n_sensor = len(scenario.select_sensors(sensors))
     seen, total_s = len(set(table["sensor"])), float(sum(table["duration_s"]))
-    print(f"{seen} of {n_sensor} sensors have access, {total_s:.1f} s in all")
+    say(f"{seen} of {n_sensor} sensors have access, {total_s:.1f} s in all")
     if figure:
-        print(f"figure in {figure}")
+        say(f"figure in {figure}")
     return 0
 
 
@@ -147,13 +148,13 @@ def _check(options: argparse.Namespace) -> int:
 
     start_warp()  # areas of some shapes come from kernels
     if "scene" not in read_scene_data(options.scene):
-        print(scene_report(scenario_of(options.scene)))
+        say(scene_report(scenario_of(options.scene)))
         return 0
     from warpsim.dataset.layout import recipe_report
     from warpsim.dataset.recipe import Recipe
 
     recipe = Recipe.load(options.scene)
-    print(
+    say(
         f"{recipe_report(recipe)}\n\nThe scene that sequences are variations of:\n{scene_report(recipe.scene.scenario)}"
     )
     return 0
@@ -179,7 +180,7 @@ def _calibrate(options: argparse.Namespace) -> int:
         device=options.device or "cpu",
         overwrite=options.overwrite,
     )
-    print(f"{len(written)} files in {options.output}")
+    say(f"{len(written)} files in {options.output}")
     return 0
 
 
@@ -192,7 +193,7 @@ def _plot(options: argparse.Namespace) -> int:
     sensors = names(options.sensors)
     written = draw_scenario(scenario, Path(options.output), time_s, options.overwrite, sensors)
     files = ", ".join(path.name for path in written)
-    print(f"{len(written)} figures of {scenario.scene.name} in {options.output}: {files}")
+    say(f"{len(written)} figures of {scenario.scene.name} in {options.output}: {files}")
     return 0
 
 
@@ -204,5 +205,5 @@ def _czml(options: argparse.Namespace) -> int:
     scenario = scenario_of(options.scene)
     error_m = write_czml(scenario, path, step_s, overwrite=options.overwrite)
     n_body = len(scenario.satellite_names) + len(scenario.target_names)
-    print(f"{n_body} bodies in {path} ({path.stat().st_size / 1e6:.2f} MB), positions within {error_m:.2g} m")
+    say(f"{n_body} bodies in {path} ({path.stat().st_size / 1e6:.2f} MB), positions within {error_m:.2g} m")
     return 0

@@ -18,6 +18,9 @@ from pydantic_core import PydanticCustomError
 
 from warpsim.files import absolute_path
 
+LARGEST_SIZE = 1e60
+"""Of a number with a unit; one over it is the least: products of some of them are numbers still."""
+
 # Longest suffix first, so that `_m_s` is not read as `_s`.
 _UNIT_OF_SUFFIX = {
     "nei_per_um": "1 / um",
@@ -72,9 +75,18 @@ def _plain_number(value: Any, info: ValidationInfo) -> float:
         value = value.item()
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise rule_error("must be a number")
-    if not math.isfinite(value):
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number
+        number = math.inf
+    if not math.isfinite(number):
         raise rule_error("must be finite")
-    return float(value)
+    if unit_of(info.field_name or ""):
+        if abs(number) > LARGEST_SIZE:
+            raise rule_error(f"must be in [{-LARGEST_SIZE:g}, {LARGEST_SIZE:g}]")
+        if 0.0 < abs(number) < 1 / LARGEST_SIZE:
+            raise rule_error(f"must be 0, or at least {1 / LARGEST_SIZE:g} in size")
+    return number
 
 
 @dataclass(frozen=True)
@@ -129,6 +141,8 @@ def _whole_number(value: Any) -> Any:
         return int(value)
     if isinstance(value, bool) or not isinstance(value, int):
         raise rule_error("must be a whole number")
+    if abs(value) >= 2**64:
+        raise rule_error("must be below 2**64")
     return value
 
 
@@ -162,9 +176,15 @@ Switch = Annotated[bool, BeforeValidator(_true_or_false)]
 Vector = tuple[Number, Number, Number]
 
 
+MOST_LETTERS = 100
+"""Of a name: file systems take 255 for two or three of them and endings."""
+
+
 def _file_name(value: str) -> str:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", value):
         raise rule_error("must be letters, digits, '_', '.' or '-'")
+    if len(value) > MOST_LETTERS:
+        raise rule_error(f"must have at most {MOST_LETTERS} letters")
     return value
 
 

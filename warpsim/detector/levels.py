@@ -59,10 +59,28 @@ def levels(detector: NeiDetector | ElectronDetector, optics: Optics, camera: Cam
         InputError: Unknown band, a table lacks it, or background and dark current alone saturate a pixel.
     """
     if isinstance(detector, ElectronDetector):
-        return electron_levels(detector, optics, camera, band)
-    band = as_band(band)
-    nei, sei = (_given(detector, name, band) for name in ("nei_w_cm2", "sei_w_cm2"))
-    return Levels(nei, sei, detector.offset_counts, detector.counts_per_nei)
+        found: Levels = electron_levels(detector, optics, camera, band)
+    else:
+        band = as_band(band)
+        nei, sei = (_given(detector, name, band) for name in ("nei_w_cm2", "sei_w_cm2"))
+        found = Levels(nei, sei, detector.offset_counts, detector.counts_per_nei)
+    _check_float32(found)
+    return found
+
+
+_SMALLEST, _LARGEST = 1e-35, 1e30
+"""Of irradiances that float32 images hold and multiply."""
+
+
+def _check_float32(found: Levels) -> None:
+    """Check that images can hold the levels; InputError otherwise."""
+    for name, value in (("NEI", found.nei_w_cm2), ("SEI", found.sei_w_cm2)):
+        if not _SMALLEST <= value <= _LARGEST:
+            rule = f"its {name} must be from {_SMALLEST:g} to {_LARGEST:g} W/cm2, as images are of float32"
+            raise InputError(rule, "detector", value, "g")
+    for name, value in (("offset_counts", found.blank_counts), ("counts_per_nei", found.counts_per_nei)):
+        if value > _LARGEST:
+            raise InputError(f"its {name} must be at most {_LARGEST:g}", "detector", value, "g")
 
 
 def electron_levels(detector: ElectronDetector, optics: Optics, camera: Camera, band: Band | str) -> ElectronLevels:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, one_line
+from warpsim.tables.fits_file import is_image, open_fits
 
 SENSOR_FIELD = "{sensor}"
 """Stands for the name of a sensor in the name of a file."""
@@ -80,15 +81,13 @@ _RULES = {"GAIN": (0.0, LARGEST_GAIN, 1.0), "OFFSET": (-_LARGEST, _LARGEST, np.n
 def _maps_of(
     path: Path, bands: Sequence[str], known: Sequence[str], shape: tuple[int, int]
 ) -> tuple[npt.NDArray[Any], ...]:
-    from astropy.io import fits
-
     if not path.is_file():
         raise InputError("must be a file that exists", "detector.maps_file", str(path))
     try:
-        with fits.open(path) as hdus:
-            images = {hdu.name.upper(): np.asarray(hdu.data, dtype=np.float64) for hdu in hdus[1:] if hdu.is_image}
-    except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"cannot be read: {str(error).splitlines()[0]}", "detector.maps_file", str(path)) from None
+        with open_fits(path) as hdus:
+            images = {hdu.name.upper(): np.asarray(hdu.data, dtype=np.float64) for hdu in hdus[1:] if is_image(hdu)}
+    except Exception as error:  # astropy raises many kinds for a broken file
+        raise InputError(f"cannot be read: {one_line(error)}", "detector.maps_file", str(path)) from None
     names = {f"{name}{end.upper()}": name for name in _RULES for end in ("", *(f"_{band}" for band in known))}
     if not names.keys() & images.keys():
         raise InputError(f"must have an image GAIN, OFFSET or BAD in {path}, or one by band", "detector.maps_file")

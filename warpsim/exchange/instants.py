@@ -84,9 +84,12 @@ class FileInstants:
             raise InputError("must be instants to be written as dates, got seconds since the scene's epoch", "times")
         gps = check_time_system(system) == "GPS"
         second = self.second - _TAI_MINUS_GPS_S if gps else self.second
-        with years_ahead():
-            time = Time(self.day, second / DAY_S, format="mjd", scale="tai", precision=precision)
-            return [str(text) for text in getattr(time, "tai" if gps else system.lower()).isot]
+        try:
+            with years_ahead():
+                time = Time(self.day, second / DAY_S, format="mjd", scale="tai", precision=precision)
+                return [str(text) for text in getattr(time, "tai" if gps else system.lower()).isot]
+        except ValueError:  # of ERFA
+            raise InputError(f"must be dates that {system} has", "times") from None
 
 
 def check_time_system(name: str) -> str:

@@ -147,6 +147,9 @@ class PsfTable:
         if not np.isfinite(image).all():
             n_bad = np.count_nonzero(~np.isfinite(image))
             raise InputError(f"must be finite, got {n_bad} bad values", "image").of("PsfTable")
+        if (image < 0.0).any():
+            rule = f"must hold no negative samples, clip them at 0, got {np.count_nonzero(image < 0.0)}"
+            raise InputError(rule, "image").of("PsfTable")
         image /= np.abs(image).max() or 1.0  # sums of huge or tiny numbers
         if not image.sum() > 0.0:
             raise InputError("must have a positive sum", "image").of("PsfTable")

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import math
-import warnings
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -27,6 +25,8 @@ from warpsim.optics.tables import DEFAULT_ERROR, ERROR_RANGE
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band
 from warpsim.radiometry.by_band import AS_DICT, ByBand, are_names
+from warpsim.tables.fits_file import is_image, open_fits
+from warpsim.tables.npy_file import npy_array
 
 
 def _file_or_table(value: Any) -> str | ByBand[str]:
@@ -60,7 +60,8 @@ def read_psf_file(path: str) -> tuple[npt.NDArray[np.float64], str]:
 @lru_cache(maxsize=32)
 def _read(path: str, mtime_ns: int, size: int) -> tuple[npt.NDArray[np.float64], str]:
     source = read_source(path)
-    image = _npy(source) if source.data.startswith(b"\x93NUMPY") else _fits(source)
+    with source.at(0):
+        image = npy_array(source.data) if source.data.startswith(b"\x93NUMPY") else _fits(source)
     if image.ndim != 2 or image.dtype.kind not in "fiub":
         raise source.error(0, f"must hold an array of numbers of two axes, got shape {image.shape} of {image.dtype}")
     values = image.astype(np.float64)
@@ -68,30 +69,21 @@ def _read(path: str, mtime_ns: int, size: int) -> tuple[npt.NDArray[np.float64],
     return values, hashlib.sha256(source.data).hexdigest()
 
 
-def _npy(source: SourceFile) -> npt.NDArray[Any]:
-    try:
-        return np.asarray(np.load(io.BytesIO(source.data), allow_pickle=False))
-    except (ValueError, EOFError, OSError) as error:
-        raise source.error(0, f"cannot be read as a NumPy array: {one_line(error)}") from None
-
-
 def _fits(source: SourceFile) -> npt.NDArray[Any]:
     """The first image of two axes."""
-    from astropy.io import fits
-
     if not source.data.startswith(b"SIMPLE"):
-        raise source.error(0, "must be a FITS image or a NumPy array (.npy)")
+        raise InputError("must be a FITS image or a NumPy array (.npy)")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # headers that are not quite FITS
-            with fits.open(io.BytesIO(source.data)) as units:
-                images = [unit.data for unit in units if unit.is_image and unit.data is not None]
+        with open_fits(source.data) as units:
+            images = [unit.data for unit in units if is_image(unit)]
+    except InputError:
+        raise
     except Exception as error:  # astropy's own and those of the layers below
-        raise source.error(0, f"cannot be read as FITS: {one_line(error)}") from None
+        raise InputError(f"cannot be read as FITS: {one_line(error)}") from None
     flat = [image for image in images if image.ndim == 2]
     if not flat:
         found = f"images of {', '.join(str(image.ndim) for image in images)} axes" if images else "none"
-        raise source.error(0, f"must hold an image of two axes, got {found}")
+        raise InputError(f"must hold an image of two axes, got {found}")
     return np.asarray(flat[0])
 
 

@@ -40,6 +40,7 @@ _MISS_M = 1e-6
 _WORST_MISS_M = 1e-4  # taken where rounding keeps Newton from _MISS_M (long or nearly 180-degree arcs)
 _NUDGE_M_S = 1e-2  # difference step of the shooting; its error only slows Newton down
 _SAMPLE_S = 10.0
+_MOST_SAMPLES = 1_000_000
 _GROUND_SLACK_KM = 5.0  # the effect of J2 on a long arc
 
 
@@ -207,7 +208,7 @@ class Flight:
     def _check_above_ground(self, start: F64, velocity: F64) -> None:
         """Refuse conics through the Earth; the two-body one decides, as J2 moves it by kilometres at most."""
         duration_s = self.arc.duration_s
-        times_s = np.linspace(0.0, duration_s, max(65, math.ceil(duration_s / _SAMPLE_S) + 1))
+        times_s = np.linspace(0.0, duration_s, min(max(65, math.ceil(duration_s / _SAMPLE_S) + 1), _MOST_SAMPLES))
         path = propagate(start[None], velocity[None], times_s, "two_body", self.pole_icrs)[0][:, 0]
         lowest_km = float(geodetic_altitude_m(path, self.pole_icrs).min()) / 1e3
         if lowest_km < min(self.arc.endpoint_altitude_km, 0.0) - _GROUND_SLACK_KM:

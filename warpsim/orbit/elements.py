@@ -7,6 +7,7 @@ so that the state comes back. Source of the formulas: Vallado, Fundamentals of A
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 F64 = NDArray[np.float64]
 
 _MAX_ECCENTRICITY = 0.999
+
+LARGEST_SPEED_M_S = 1e6
+"""Of a state: no body near the Earth is faster, and faster ones ask for ever shorter node steps."""
 """Beyond, a float64 perigee loses more than three digits; a state vector loses none."""
 
 
@@ -174,6 +178,8 @@ class StateVector:
 
     @model_validator(mode="after")
     def _above_ground(self) -> StateVector:
+        if (speed_m_s := math.hypot(*self.velocity_m_s)) > LARGEST_SPEED_M_S:
+            raise InputError(f"must be at most {LARGEST_SPEED_M_S:g} m/s", "velocity_m_s", speed_m_s, "g")
         _check_radius("position_m", np.array(self.position_m))
         return self
 

@@ -193,7 +193,7 @@ def sampling_error(
 
     full, less, least = (values(size) for size in sizes)
     d1, d2 = np.linalg.norm(full - less, axis=-1), np.linalg.norm(less - least, axis=-1)
-    return np.asarray(d1 if len(set(sizes)) < 3 else d1 * np.minimum(d1 / np.maximum(d2, 1e-300), 1.0))
+    return np.asarray(d1 if len(set(sizes)) < 3 else d1 * np.minimum(d1 / np.maximum(d2, 1e-200), 1.0))
 
 
 def _check(node: F64, y: F64, dy: F64 | None, method: str, degree: int) -> None:

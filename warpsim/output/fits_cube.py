@@ -23,6 +23,7 @@ from warpsim.instant import utc_dates
 from warpsim.optics.wcs import lens_keywords, tan_keywords, wcs_from_keywords
 from warpsim.output.fits_header import Card, Views, provenance_cards
 from warpsim.scene.description import SceneDescription
+from warpsim.tables.fits_file import open_fits
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -130,14 +131,13 @@ def read_cube(path: str | Path) -> Cube:
     Raises:
         InputError: The file is missing or is not such a cube.
     """
-    from astropy.io import fits
     from astropy.table import Table
 
     try:
-        with fits.open(path, memmap=False) as file:
+        with open_fits(path) as file:
             counts = np.asarray(file[0].data, dtype=np.uint16)
             return Cube(counts, Table.read(file["FRAMES"]), file[0].header)
-    except (OSError, KeyError, TypeError, ValueError) as error:
+    except (OSError, KeyError, AttributeError, TypeError, ValueError) as error:
         raise InputError(f"is not a warpsim FITS cube: {error}").of(path) from None
 
 

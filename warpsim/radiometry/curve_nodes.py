@@ -21,6 +21,10 @@ _SAMPLING_PART = 1e-3
 """Part of that error which goes into samples of the product, some 30 for each node that is kept of them."""
 
 
+LARGEST_SIZE = 1e60
+"""Of wavelengths and values: products of some of them are numbers still."""
+
+
 def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[Array, Array]:
     """Return copies of two or more nodes [um] and values >= 0 of a curve over wavelength; `what` names the values."""
     wavelength_um = _nodes(wavelength, "um", "wavelength_um")
@@ -47,6 +51,8 @@ def _nodes(values: ArrayLike, unit: str, where: str) -> Array:
     if not np.isfinite(vector).all():
         node = int(np.flatnonzero(~np.isfinite(vector))[0])
         raise InputError(f"must be finite, got {vector[node]} at node {node}", where)
+    if (size := float(np.abs(vector).max())) > LARGEST_SIZE:
+        raise InputError(f"must be at most {LARGEST_SIZE:g} in size", where, size, "g")
     return vector
 
 

@@ -157,7 +157,8 @@ def _geometry(scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np
 def _light(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
     """Return the brightness of each target, each (view, band, target)."""
     peak_part, stamp_part = _stamp_parts(scene, seen)
-    irradiance = seen.irradiance_w_cm2.astype(np.float64)
+    # A target at the sensor itself would be infinitely bright: as bright as float32 can say.
+    irradiance = np.minimum(seen.irradiance_w_cm2, np.finfo(np.float32).max).astype(np.float64)
     snr = irradiance / frames.nei_w_cm2[:, None]
     terms = split_irradiance_w_cm2(scene, seen.columns.observations)
     return {

@@ -20,6 +20,7 @@ import numpy as np
 
 from warpsim.errors import InputError, one_line
 from warpsim.tables.columns import ColumnTable, Part
+from warpsim.tables.fits_file import CUT_OFF, checked_fits
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -56,9 +57,11 @@ def fits_tables(data: bytes) -> list[Part]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            hdus = fits.open(io.BytesIO(data))
+            hdus = fits.open(io.BytesIO(data := checked_fits(data)))
             tables = [(k, hdu) for k, hdu in enumerate(hdus) if isinstance(hdu, fits.BinTableHDU | fits.TableHDU)]
             named = [(k, hdu.name, tuple(hdu.columns.names)) for k, hdu in tables]
+        except InputError:
+            raise
         except Exception as error:  # astropy raises many kinds for a broken file
             raise InputError(f"cannot be read as a table: FITS: {one_line(error)}") from None
     _check_whole(caught)
@@ -90,7 +93,7 @@ def _check_whole(caught: Sequence[warnings.WarningMessage]) -> None:
     """Raise where astropy warned of missing data: it may go on without."""
     texts = " ".join(str(warning.message) for warning in caught)
     if "truncated" in texts or "Error validating header" in texts:
-        raise InputError("ends early: the FITS data are cut off")
+        raise InputError(CUT_OFF)
 
 
 _TABLE = re.compile(rb"<(?:\w+:)?TABLE\b([^>]*?)(?:/>|>(.*?)</(?:\w+:)?TABLE\s*>)", re.DOTALL)

@@ -138,7 +138,8 @@ class ColumnTable:
 
     def where(self, row: int) -> str:
         """Location of a row: "line 3", or "row 2" of a file without lines (counted from 0)."""
-        return f"row {row}" if self.line_of_row is None else f"line {self.line_of_row[row]}"
+        known = self.line_of_row is not None and row < len(self.line_of_row)
+        return f"line {self.line_of_row[row]}" if known and self.line_of_row is not None else f"row {row}"
 
     def located(self, error: InputError) -> InputError:
         """The error of a check of columns, with the line of its row in the file if it has one."""

@@ -213,6 +213,9 @@ def names_columns(line: str, delimiter: str | None = None) -> bool:
 def _read_rows(read: Callable[[list[str]], Any], what: str, body: Lines, delimiter: str) -> ColumnTable:
     """Table that astropy reads; what it says of a row is said of the line in the file."""
     rows = [decoded(line) for line in body.text]
+    for text, number in zip(rows, body.number, strict=True):
+        if "\r" in text.rstrip("\r"):  # where astropy would begin another row
+            raise InputError("must not hold a carriage return but at its end").of(f"line {number}")
     try:
         return ColumnTable(quietly(lambda: read(rows), what), body.number)
     except InputError as error:

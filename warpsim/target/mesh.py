@@ -160,13 +160,14 @@ def read_mesh(source: SourceFile) -> tuple[F64, I64]:
     elif ending == "stl":
         _check_stl(source)
     try:
-        mesh = trimesh.load_mesh(io.BytesIO(source.data), file_type=ending, process=False)
-        vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+        with np.errstate(all="ignore"):  # numbers that are not finite are refused below
+            mesh = trimesh.load_mesh(io.BytesIO(source.data), file_type=ending, process=False)
+            vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
     except Exception as error:  # each format of trimesh has errors of its own
         kind = ending.upper() or "a mesh"
         raise InputError(f"cannot be read as {kind}: {one_line(error)}").of(source.file) from None
-    if not len(faces):
-        raise InputError("must hold faces, got none").of(source.file)
+    if not len(faces) or not len(vertices):
+        raise InputError(f"must hold {'vertices' if len(faces) else 'faces'}, got none").of(source.file)
     return vertices.reshape(len(vertices), -1)[:, :3], faces
 
 
