@@ -24,7 +24,7 @@ SCENE = {
 GIVEN = {"n_sequence": 5, "n_frame": 4, "interval_s": 0.5, "n_sensor": 2, "bands": ["A", "C"], "seed": 3}
 SAMPLE = {"pointing.offset_px": {"choice": [[0.0, 0.0], [31.0, -20.0], [-31.9, 23.9], [90.0, 0.0]]}}
 """Targets half off the array, and views of nothing."""
-FORMATS = ("fits", "png", "tiff", "zarr", "webdataset")
+FORMATS = ("fits", "fits-frames", "png", "tiff", "zarr", "webdataset")
 LAYOUTS = {"yolo": "bands", "mot": None, "huggingface": "frames"}
 BOX_PX = 1e-5
 """Texts have six decimals of a pixel, or eight of the image's size."""
