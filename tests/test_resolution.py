@@ -198,6 +198,7 @@ def test_truth_needs_no_images(name):
     renderer = ws.Renderer(scene)
     with_images, without = (f(range(60, 66, 2), SENSORS, ["C", "A"]) for f in (renderer.render, renderer.truth))
     assert with_images.truth.colnames == without.colnames
+    assert with_images.truth.meta == without.meta and without.meta["SCENE"] == scene.name
     for column in without.colnames:
         np.testing.assert_array_equal(np.asarray(with_images.truth[column]), np.asarray(without[column]))
     some = renderer.truth([64], SENSORS[1], "A")
