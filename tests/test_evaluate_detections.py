@@ -210,6 +210,11 @@ def test_tables_of_text_files_serve_as_well(tmp_path):
     again = ws.evaluate.detections(Table.read(tmp_path / "found.csv"), Table.read(tmp_path / "truth.csv"))
     for part in ("found", "truth"):
         assert list(getattr(again, part)["outcome"]) == list(getattr(expected, part)["outcome"])
+    truth["in_fov"] = np.where(truth["in_fov"], "true", "false")  # as other libraries write them
+    assert list(ws.evaluate.detections(table, truth).found["outcome"]) == list(expected.found["outcome"])
+    truth["in_fov"][3] = "yes"
+    with pytest.raises(ws.InputError, match=r"truth\.in_fov: must be true or false, got 'yes'"):
+        ws.evaluate.detections(table, truth)
 
 
 def test_pandas_and_dicts_serve_as_well():
