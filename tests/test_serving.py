@@ -321,11 +321,13 @@ def test_sensors_are_pointed_over_a_socket(renderer, reader, ring):
             with zmq.Context.instance().socket(zmq.REQ) as socket:
                 socket.connect(server.control)
                 for request in (
-                    b"{",
-                    b'{"sensor": "sat99", "track": "main"}',
-                    b'{"sensor": "sat27", "ra_dec_deg": [10, 20]}',
+                    [b"{"],
+                    [b'{"sensor": "sat99", "track": "main"}'],
+                    [b"[" * 100_000],
+                    [b"{}", b"more"],
+                    [b'{"sensor": "sat27", "ra_dec_deg": [10, 20]}'],
                 ):
-                    socket.send(request)
+                    socket.send_multipart(request)
                     replies.append(json.loads(socket.recv()))
 
         asking = threading.Thread(target=ask)
@@ -335,7 +337,8 @@ def test_sensors_are_pointed_over_a_socket(renderer, reader, ring):
         fields = all_fields(server.ring, reader, 120)
     assert replies[0]["error"].startswith("command: must be JSON: Expecting property name")
     assert replies[1]["error"].startswith("command.sensors: must be sensors of the scene")
-    (row,) = replies[2]["applied"]
+    assert all(reply["error"].startswith("command: must be JSON: ") for reply in replies[2:4])
+    (row,) = replies[4]["applied"]
     assert row["sensor"] == "sat27" and row["start_s"] == row["settled_s"]
     boresights = [Rotation.from_quat(one["quaternion"]).as_matrix()[2] for one in fields if one["sensor"] == 1]
     ra, dec = np.radians([10.0, 20.0])
