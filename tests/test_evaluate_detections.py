@@ -283,6 +283,8 @@ def test_bad_arguments_are_one_line():
     found, truth = found_of([(0, 1, 1)]), truth_of([(0, 1, 1)])
     with pytest.raises(ws.InputError, match="radius_px: must be a number above 0"):
         ws.evaluate.detections(found, truth, radius_px=0.0)
+    with pytest.raises(ws.InputError, match="least_snr: must be finite, got nan"):
+        ws.evaluate.detections(found, truth, least_snr=np.nan)
     score = ws.evaluate.detections(found, truth)
     with pytest.raises(ws.InputError, match="edges: must ascend"):
         score.by("snr", [3.0, 2.0])

@@ -407,6 +407,7 @@ def test_a_folder_appears_whole_or_not_at_all(sets, tmp_path, monkeypatch):
         (["--format", "yolo", "--splits", "test"], "splits: must be among train, val, got 'test'"),
         (["--format", "yolo", "--knee", "5", "--top", "4"], "top_nei: must be above knee_nei = 5, got 4.0"),
         (["--format", "yolo", "--least-snr", "much"], "--least-snr: must be a number, got 'much'"),
+        (["--format", "yolo", "--least-snr", "nan"], "least_snr: must be finite, got nan"),
     ],
 )
 def test_bad_options_are_told_in_one_line_and_leave_nothing(sets, options, message, tmp_path, capsys):
