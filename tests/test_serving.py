@@ -301,11 +301,16 @@ def all_fields(path, reader, n_packet):
 
 def test_a_loop_goes_on_until_it_is_stopped(renderer, rendered, reader, ring):
     with ws.FrameServer(
-        renderer, range(5), SENSORS, ["A"], rate_hz=200.0, ring=ring, loop=True, late="send", ring_frames=50
+        renderer, range(5), SENSORS, ["A"], rate_hz=200.0, ring=ring, loop=True, late="send", ring_frames=500
     ) as server:
-        threading.Timer(0.1, server.stop).start()
+
+        def stop():
+            await_true(lambda: server.n_packet > 20)
+            server.stop()
+
+        threading.Thread(target=stop).start()
         stats = server.run()
-        fields = all_fields(server.ring, reader, min(server.n_packet, 100))
+        fields = all_fields(server.ring, reader, min(server.n_packet, 1000))
     assert stats.n_frame > 5
     for number, one in enumerate(fields):
         assert (one["loop"], one["frame"]) == divmod(number // 2, 5)
