@@ -12,6 +12,7 @@ import numpy.typing as npt
 from warpsim.measure.image_rows import ImageRows
 from warpsim.measure.pixel_psf import PixelPsf
 from warpsim.measure.point_fit import LARGEST_SIGMA_PX, source_sigma
+from warpsim.render.resolution import full_w_cm2
 from warpsim.scene.instrument import Instrument
 from warpsim.streams import uniforms
 
@@ -89,9 +90,10 @@ def draw_detections(truth: Table, n_target: int, instrument: Instrument, draws: 
     faint, bound = {}, columns["irradiance_sigma_w_cm2"]
     in_pixel = np.array(truth["background_w_cm2"]) if "background_w_cm2" in truth.colnames else np.zeros(len(truth))
     for band in np.unique(truth["band"]).tolist():  # bounds of a source as bright as the noise of a pixel
-        own, levels = columns["band"] == band, instrument.levels[band]
-        in_pixel[own] += np.array(truth["snr_peak"])[own] * levels.nei_w_cm2
-        columns["irradiance_w_cm2"][own & np.isinf(bound) & (in_pixel >= levels.sei_w_cm2)] = 0.0  # all full: not seen
+        own = columns["band"] == band
+        in_pixel[own] += np.array(truth["snr_peak"])[own] * instrument.nei_w_cm2(band)
+        full = in_pixel >= full_w_cm2(instrument, band)
+        columns["irradiance_w_cm2"][own & np.isinf(bound) & full] = 0.0  # all its pixels are: not seen
         faint[band] = source_sigma(PixelPsf(instrument.psf(band), camera.pixel_aspect), 1.0)
         # Of light within one pixel no position is known, and truth has no bound of its brightness either.
         bound[own & ~np.isfinite(bound)] = faint[band][2] * instrument.nei_w_cm2(band)
