@@ -210,6 +210,11 @@ def test_tables_of_text_files_serve_as_well(tmp_path):
     again = ws.evaluate.detections(Table.read(tmp_path / "found.csv"), Table.read(tmp_path / "truth.csv"))
     for part in ("found", "truth"):
         assert list(getattr(again, part)["outcome"]) == list(getattr(expected, part)["outcome"])
+    truth["in_fov"] = np.where(truth["in_fov"], "true", "false")  # as other libraries write them
+    assert list(ws.evaluate.detections(table, truth).found["outcome"]) == list(expected.found["outcome"])
+    truth["in_fov"][3] = "yes"
+    with pytest.raises(ws.InputError, match=r"truth\.in_fov: must be true or false, got 'yes'"):
+        ws.evaluate.detections(table, truth)
 
 
 def test_pandas_and_dicts_serve_as_well():
@@ -278,6 +283,8 @@ def test_bad_arguments_are_one_line():
     found, truth = found_of([(0, 1, 1)]), truth_of([(0, 1, 1)])
     with pytest.raises(ws.InputError, match="radius_px: must be a number above 0"):
         ws.evaluate.detections(found, truth, radius_px=0.0)
+    with pytest.raises(ws.InputError, match="least_snr: must be finite, got nan"):
+        ws.evaluate.detections(found, truth, least_snr=np.nan)
     score = ws.evaluate.detections(found, truth)
     with pytest.raises(ws.InputError, match="edges: must ascend"):
         score.by("snr", [3.0, 2.0])

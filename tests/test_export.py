@@ -24,7 +24,7 @@ SCENE = {
 GIVEN = {"n_sequence": 5, "n_frame": 4, "interval_s": 0.5, "n_sensor": 2, "bands": ["A", "C"], "seed": 3}
 SAMPLE = {"pointing.offset_px": {"choice": [[0.0, 0.0], [31.0, -20.0], [-31.9, 23.9], [90.0, 0.0]]}}
 """Targets half off the array, and views of nothing."""
-FORMATS = ("fits", "png", "tiff", "zarr", "webdataset")
+FORMATS = ("fits", "fits-frames", "png", "tiff", "zarr", "webdataset")
 LAYOUTS = {"yolo": "bands", "mot": None, "huggingface": "frames"}
 BOX_PX = 1e-5
 """Texts have six decimals of a pixel, or eight of the image's size."""
@@ -407,6 +407,7 @@ def test_a_folder_appears_whole_or_not_at_all(sets, tmp_path, monkeypatch):
         (["--format", "yolo", "--splits", "test"], "splits: must be among train, val, got 'test'"),
         (["--format", "yolo", "--knee", "5", "--top", "4"], "top_nei: must be above knee_nei = 5, got 4.0"),
         (["--format", "yolo", "--least-snr", "much"], "--least-snr: must be a number, got 'much'"),
+        (["--format", "yolo", "--least-snr", "nan"], "least_snr: must be finite, got nan"),
     ],
 )
 def test_bad_options_are_told_in_one_line_and_leave_nothing(sets, options, message, tmp_path, capsys):

@@ -198,6 +198,7 @@ def test_truth_needs_no_images(name):
     renderer = ws.Renderer(scene)
     with_images, without = (f(range(60, 66, 2), SENSORS, ["C", "A"]) for f in (renderer.render, renderer.truth))
     assert with_images.truth.colnames == without.colnames
+    assert with_images.truth.meta == without.meta and without.meta["SCENE"] == scene.name
     for column in without.colnames:
         np.testing.assert_array_equal(np.asarray(with_images.truth[column]), np.asarray(without[column]))
     some = renderer.truth([64], SENSORS[1], "A")
@@ -215,3 +216,12 @@ def test_hard_cases_have_bounds_or_say_that_there_are_none():
     saturated = ws.Renderer(scene.replace(detector=bright)).truth([60], "sat11", "A")
     centre = saturated[saturated["target"] == scene.target_names[0]]
     assert np.isinf(centre["irradiance_sigma_w_cm2"][0]) or centre["irradiance_sigma_w_cm2"][0] > 1e-23
+    detector = {"kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 3e-15}
+    narrow = scene.replace(optics__sigma_px=0.3)
+    many, few = (
+        ws.Renderer(narrow.replace(detector=detector | {"bits": n_bit})).truth([60], "sat27", "A") for n_bit in (14, 8)
+    )
+    full = (many["snr_peak"] > 32) & (many["irradiance_w_cm2"] > 0)  # 8 bits end at 31 NEI
+    name = "irradiance_sigma_w_cm2"
+    assert full.any() and (few[name][full] > 1.5 * many[name][full]).all()
+    np.testing.assert_array_equal(few[name][many["snr_peak"] < 25], many[name][many["snr_peak"] < 25])

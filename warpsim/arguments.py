@@ -49,6 +49,18 @@ def plain_number(value: Any, unit: str, where: str) -> float:
     return float(plain_array(value, unit, where))
 
 
+def finite_number(what: str, value: Any) -> float:
+    """A finite number without unit.
+
+    Raises:
+        InputError: It is none.
+    """
+    number = plain_number(value, "", what)
+    if not np.isfinite(number):
+        raise InputError("must be finite", what, value)
+    return number
+
+
 def times_s(value: Any) -> npt.NDArray[np.float64]:
     """Times after the epoch [s] as an array of one axis or more."""
     return np.atleast_1d(plain_array(value, "s", "time_s"))

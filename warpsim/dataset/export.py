@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from warpsim.arguments import chosen_names
+from warpsim.arguments import chosen_names, finite_number
 from warpsim.dataset.pictures import CHANNELS, N_CHANNEL, Picture, ToneMap, pictures_of
 from warpsim.dataset.read_dataset import DatasetReader
 from warpsim.dataset.trainer_layouts import LAYOUTS
@@ -87,6 +87,7 @@ def export_dataset(
     """
     begin = time.perf_counter()
     reader, folder, tone_map = DatasetReader(Path(dataset)), Path(folder).absolute(), ToneMap(knee_nei, top_nei)
+    least_snr = finite_number("least_snr", least_snr)
     facts = _facts(reader, format, channels, bands) | {"least_snr": least_snr, "tone_map": tone_map.facts}
     splits = chosen_names("splits", splits, list(reader.splits))
     with whole_folder(folder) as home:

@@ -101,8 +101,10 @@ def _opened(path: Path) -> Callable[[str], npt.NDArray[Any]]:
     if path.suffix == ".fits":
         from astropy.io import fits
 
-        cube = fits.open(path)[0]
-        return lambda item: np.asarray(cube.section[json.loads(item)[0]])
+        file = fits.open(path)
+        if file[0].header["NAXIS"] == 0:  # an extension for each frame
+            return lambda item: np.asarray(file[json.loads(item)[0]].section[:])
+        return lambda item: np.asarray(file[0].section[json.loads(item)[0]])
     if path.suffix == ".tar":
         return _tar_reader(path)
     check_zarr()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpsim.arguments import above_zero, plain_number
+from warpsim.arguments import above_zero, finite_number
 from warpsim.errors import InputError
 from warpsim.measure.detection_matches import Flags, Matches, Outcome, find_matches
 from warpsim.measure.matching import F64
@@ -203,7 +203,7 @@ def detections(
         InputError: A column is missing, a number is not finite, or a detection is of an image without truth.
     """
     radius = above_zero("radius_px", radius_px)
-    matches, images = find_matches(found, truth, radius, plain_number(least_snr, "", "least_snr"), ignore)
+    matches, images = find_matches(found, truth, radius, finite_number("least_snr", least_snr), ignore)
     xy_px = numbers(found, ("x_px", "y_px"), "found")
     outcome = matches.outcome(np.ones(len(xy_px), dtype=bool))
     found_table = _found_table(found, xy_px, matches, outcome)

@@ -20,9 +20,9 @@ from warpsim.render.frameset import FrameSet
 from warpsim.render.line_of_sight import ViewGeometry
 from warpsim.render.renderer import Renderer
 from warpsim.render.states import STATE_NAMES, STATE_UNITS
+from warpsim.scene.provenance import provenance
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
-from warpsim.version import __version__
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -187,9 +187,7 @@ def _table(scenario: Scenario, views: Views, found: list[ImageRows]) -> Table:
         "clump_id": np.array([number for rows in found for number in rows.clump_id], dtype=np.int64),
         "n_merged": np.array([number for rows in found for number in rows.n_merged], dtype=np.int64),
     }  # fmt: skip
-    scene = scenario.scene
-    meta = {"SCENE": scene.name, "EPOCH": scene.epoch_utc, "TIMESYS": "UTC", "SEED": scene.seed}
-    table = Table(columns, meta=meta | {"WARPSIM": __version__})
+    table = Table(columns, meta=provenance(scenario.scene))
     for name, unit in UNITS.items():
         table[name].unit = unit
     return table[np.lexsort((np.arange(len(table)), table["frame"], table["time_s"]))]

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from warpsim.measure.image_rows import ImageRows
 from warpsim.measure.pixel_psf import PixelPsf
 from warpsim.measure.point_fit import LARGEST_SIGMA_PX, source_sigma
+from warpsim.render.resolution import full_w_cm2
 from warpsim.scene.instrument import Instrument
 from warpsim.streams import uniforms
 
@@ -87,10 +88,15 @@ def draw_detections(truth: Table, n_target: int, instrument: Instrument, draws: 
     size = np.array([camera.n_col, camera.n_row])
     columns = {name: np.array(truth[name]) for name in ("frame", "sensor", "band", "target", *_NUMBERS)}
     faint, bound = {}, columns["irradiance_sigma_w_cm2"]
+    in_pixel = np.array(truth["background_w_cm2"]) if "background_w_cm2" in truth.colnames else np.zeros(len(truth))
     for band in np.unique(truth["band"]).tolist():  # bounds of a source as bright as the noise of a pixel
+        own = columns["band"] == band
+        in_pixel[own] += np.array(truth["snr_peak"])[own] * instrument.nei_w_cm2(band)
+        full = in_pixel >= full_w_cm2(instrument, band)
+        columns["irradiance_w_cm2"][own & np.isinf(bound) & full] = 0.0  # all its pixels are: not seen
         faint[band] = source_sigma(PixelPsf(instrument.psf(band), camera.pixel_aspect), 1.0)
         # Of light within one pixel no position is known, and truth has no bound of its brightness either.
-        bound[(columns["band"] == band) & ~np.isfinite(bound)] = faint[band][2] * instrument.nei_w_cm2(band)
+        bound[own & ~np.isfinite(bound)] = faint[band][2] * instrument.nei_w_cm2(band)
     for start in range(0, len(truth), n_target):
         rows = {name: values[start : start + n_target] for name, values in columns.items()}
         frame, sensor, band = int(rows["frame"][0]), str(rows["sensor"][0]), str(rows["band"][0])

@@ -50,9 +50,18 @@ def has_column(table: Any, name: str) -> bool:
 
 
 def flags(table: Any, name: str, where: str) -> npt.NDArray[np.bool_]:
-    """A column of yes and no, also as the texts that files of text have."""
+    """A column of yes and no, also as the texts that files of text have, in any case.
+
+    Raises:
+        InputError: The column is missing, or a text is neither true nor false.
+    """
     values = column(table, name, where)
-    return values == "True" if values.dtype.kind == "U" else values.astype(bool)
+    if values.dtype.kind != "U":
+        return values.astype(bool)
+    lower = np.char.lower(values)
+    if (wrong := np.flatnonzero((lower != "true") & (lower != "false"))).size:
+        raise InputError("must be true or false", f"{where}.{name}", str(values[wrong[0]]), row=int(wrong[0]))
+    return np.asarray(lower == "true")
 
 
 def numbers(table: Any, names: Sequence[str], where: str) -> F64:

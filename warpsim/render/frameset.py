@@ -204,7 +204,7 @@ class FrameSet:
         x_px and y_px are the very numbers that the light was drawn at. snr is irradiance / NEI; snr_peak counts only
         the light in the target's own pixel. left_out_w_cm2 is the light beyond the target's stamp.
         """
-        return self._with_provenance(truth_table(self._axes, self._device_scene, self._host))
+        return truth_table(self._axes, self._device_scene, self._host)
 
     @cached_property
     def stars(self) -> Table:

@@ -44,6 +44,15 @@ def merge_px(instrument: Instrument, band: str) -> tuple[float, float]:
     return half_x_px + 0.5, half_y_px + 0.5
 
 
+def full_w_cm2(instrument: Instrument, band: str) -> float:
+    """Return the light in a pixel from which on it, or the converter, is full [W/cm2]."""
+    levels = instrument.levels[band]
+    if isinstance(levels, ElectronLevels):  # the converter's end is part of the SEI
+        return levels.sei_w_cm2
+    most_nei = (2.0**instrument.sensor.detector.bits - 1.0 - levels.blank_counts) / levels.counts_per_nei
+    return min(levels.sei_w_cm2, most_nei * levels.nei_w_cm2)
+
+
 def resolution_columns(scene: DeviceScene, bands: Sequence[str], seen: HostColumns) -> dict[str, npt.NDArray[Any]]:
     """Return how well targets can be told apart and measured, by column of truth.
 
@@ -111,7 +120,7 @@ def _pixel_noise(instrument: Instrument, bands: Sequence[str], device: wp.Device
             rounding = 1.0 / (12.0 * levels.counts_per_nei**2)
         shot.append(per_light)
         variance.append(levels.nei_w_cm2**2 * (1.0 + rounding))
-        sei.append(levels.sei_w_cm2)
+        sei.append(full_w_cm2(instrument, band))
     noise: Any = PixelNoise()
     noise.variance_w2_cm4, noise.shot_w_cm2, noise.sei_w_cm2 = (
         wp.array(values, dtype=wp.float64, device=device) for values in (variance, shot, sei)

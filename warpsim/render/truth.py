@@ -24,6 +24,7 @@ from warpsim.render.stages import split_light
 from warpsim.render.states import STATE_NAMES, STATE_UNITS, sensor_states, target_states
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
+from warpsim.scene.provenance import provenance
 from warpsim.scene.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Tab
     columns |= {name: spread(values, 0, 1, 2, 3) for name, values in apart.items()}
     columns |= {name: spread(values, 0, 1) for name, values in _sensor_states(frames, seen).items()}
     columns |= {name: spread(values, 0, 1, 3) for name, values in _target_states(frames, seen).items()}
-    table = Table(columns)
+    table = Table(columns, meta=provenance(frames.scenario.scene))
     for name in table.colnames:
         if name in _UNITS or name.endswith("_w_cm2"):
             table[name].unit = _UNITS.get(name, "W / cm2")

@@ -119,13 +119,14 @@ class CommandSocket:
     def _answer(self) -> None:
         while not self._ended:
             if self._socket.poll(POLL_MS):
-                self._socket.send(json.dumps(self._reply(self._socket.recv())).encode())
+                request = b"".join(self._socket.recv_multipart())
+                self._socket.send(json.dumps(self._reply(request)).encode())
         _close(self._socket, LINGER_MS)
 
     def _reply(self, request: bytes) -> dict[str, Any]:
         try:
             command = json.loads(request)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             return {"error": f"command: must be JSON: {one_line(error)}"}
         try:
             return {"applied": [{name: getattr(row, name) for name in REPLIED} for row in self._send(command)]}
