@@ -18,7 +18,6 @@ from warpsim.render.line_of_sight import LineOfSight
 F64 = npt.NDArray[np.float64]
 Motion = Literal["still", "linear", "free_flight"]
 
-_POLE = (0.0, 0.0, 1.0)  # two-body gravity has none
 _TOL = 1e-13
 """Relative changes of state and residuals at which the fit ends."""
 
@@ -65,7 +64,7 @@ def triangulate(
     Args:
         lines: One line of sight each, of one direction, in GCRS axes; of at least two.
         sigma_rad: Standard deviation of each line in both directions across it, one number or one each [rad].
-        motion: "still"; "linear" motion; "free_flight", under two-body gravity.
+        motion: "still"; "linear" motion; "free_flight", under gravity with J2.
         time_s: When the state is asked for, after the epoch [s]; the mean time of emission when left out.
 
     Raises:
@@ -86,13 +85,13 @@ def triangulate(
         raise InputError("must be finite", "time_s", time_s)
     left_s = came_s - np.linalg.norm(start - origin_m, axis=1) / SPEED_OF_LIGHT_M_S
     when_s = float(left_s.mean()) if time_s is None else float(time_s)
-    across = _across(direction)
+    across, pole = _across(direction), lines[0].pole_icrs
     begin = np.concatenate([start, np.zeros(n_state - 3)])
     scale = np.array([_SMALL_M] * 3 + [_SMALL_M_S] * (n_state - 3))
 
     def missed(values: F64) -> F64:
         """Angles by which lines miss a body of a state, over their errors, (2 n,)."""
-        away = _seen_from(values, origin_m, came_s, when_s, motion) - origin_m
+        away = _seen_from(values, origin_m, came_s, when_s, motion, pole) - origin_m
         return np.asarray((np.einsum("nij,nj->ni", across, normalised(away)) / sigma[:, None]).ravel())
 
     def derivatives(values: F64) -> F64:
@@ -103,7 +102,7 @@ def triangulate(
     if not fit.success:
         raise InputError("do not meet in one state by this motion: the steps do not end", "lines")
     state: F64 = fit.x
-    _check_in_front(_seen_from(state, origin_m, came_s, when_s, motion) - origin_m, direction, lines)
+    _check_in_front(_seen_from(state, origin_m, came_s, when_s, motion, pole) - origin_m, direction, lines)
     covariance = np.asarray(np.linalg.inv(_checked_normal(fit.jac, lines)), dtype=np.float64)
     residual = fit.fun.reshape(-1, 2) * sigma[:, None]
     velocity = None if motion == "still" else state[3:]
@@ -111,21 +110,26 @@ def triangulate(
     return Triangulation(when_s, state[:3], velocity, covariance, residual, *fitted)
 
 
-def _seen_from(state: F64, origin_m: F64, came_s: F64, when_s: float, motion: str) -> F64:
+def _seen_from(
+    state: F64, origin_m: F64, came_s: F64, when_s: float, motion: str, pole_icrs: tuple[float, float, float]
+) -> F64:
     """Where a body of a state was when its light left for each line, (n, 3)."""
     position = np.broadcast_to(state[:3], origin_m.shape)
     if motion == "still":
         return position
-    for _ in range(3):  # each leaves v / c of the error
-        since_s = came_s - np.linalg.norm(position - origin_m, axis=1) / SPEED_OF_LIGHT_M_S - when_s
-        if motion == "linear":
-            position = state[:3] + since_s[:, None] * state[3:]
-        else:
-            try:
-                position = propagate(state[None, :3], state[None, 3:], since_s, "two_body", _POLE)[0][:, 0]
-            except InputError:
-                raise InputError("do not meet in a state of free flight", "lines") from None
-    return position
+    velocity, known_s = state[3:], np.zeros(len(origin_m))
+    if motion == "free_flight":
+        known_s = came_s - np.linalg.norm(position - origin_m, axis=1) / SPEED_OF_LIGHT_M_S - when_s
+        try:
+            flown = propagate(state[None, :3], state[None, 3:], known_s, "j2", pole_icrs)
+        except InputError:
+            raise InputError("do not meet in a state of free flight", "lines") from None
+        position, velocity = flown[0][:, 0], flown[1][:, 0]
+    found = position
+    for _ in range(3):  # each leaves v / c of the error; gravity changes nothing within some milliseconds
+        since_s = came_s - np.linalg.norm(found - origin_m, axis=1) / SPEED_OF_LIGHT_M_S - when_s
+        found = position + (since_s - known_s)[:, None] * velocity
+    return np.asarray(found)
 
 
 def _derivatives(function: Any, state: F64, scale: F64) -> F64:

@@ -41,6 +41,8 @@ class LineOfSight:
     """How far away the light came from [m], (n,); None where that is not known."""
     axes: Axes = "gcrs"
     """GCRS, or the Earth-fixed axes (ITRS) of time_s."""
+    pole_icrs: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Axis of the Earth's oblateness, GCRS axes: the pole of date at the scene's epoch."""
 
     @property
     def emission_time_s(self) -> F64:
@@ -95,8 +97,9 @@ class ViewGeometry:
         if axes == "itrs":
             to_gcrs = itrs_to_gcrs(self.scenario.epoch, time_s)
             origin, direction = (np.einsum("nj,nji->ni", vectors, to_gcrs) for vectors in (origin, direction))
-            return LineOfSight(self.sensor, time_s, origin, direction, distance, "itrs")
-        return LineOfSight(self.sensor, time_s, origin, direction, distance)
+        x, y, z = self.scenario.tracks.pole_icrs.tolist()
+        chosen: Axes = "itrs" if axes == "itrs" else "gcrs"
+        return LineOfSight(self.sensor, time_s, origin, direction, distance, chosen, (x, y, z))
 
     def sensor_states(self, y_px: npt.ArrayLike) -> tuple[F64, F64]:
         """Return times of rows after the epoch [s], (n,), and states of the sensor then, (n, 10), as STATE_NAMES."""
