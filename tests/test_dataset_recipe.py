@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from warpsim.dataset.layout import (
     split_of,
     varied,
 )
+from warpsim.dataset.recipe import with_absolute_choices
 from warpsim.dataset.writers import TarArchive
 from warpsim.files import write_fits_table
 from warpsim.output.output_folder import OutputFolder, difference
@@ -317,12 +319,10 @@ def test_files_among_choices_count_from_the_recipe(catalogs, tmp_path, monkeypat
     assert made.to_dict()["sample"]["sky.catalog"]["choice"] == choices
     drawn = {draw_sequence(made, number).scene.sky.catalog for number in range(10)}
     assert drawn == set(choices)
-    nested = {"sample": {"optics": {"choice": [{"psf_file": "psf.fits"}]}, "trajectory.file": {"choice": ["a.oem"]}}}
-    plain = ws.Recipe(scene="stss", **nested).to_dict()["sample"]
+    nested = {"optics": {"choice": [{"psf_file": "psf.fits"}]}, "trajectory.file": {"choice": ["a.oem"]}}
+    plain = with_absolute_choices(nested | {"constellation.files.0": {"choice": ["a.oem"]}}, Path("/"))
     assert plain["optics"]["choice"] == [{"psf_file": "/psf.fits"}]
-    assert plain["trajectory.file"]["choice"] == ["/a.oem"]
-    listed = ws.Recipe(scene="stss", sample={"constellation.files.0": {"choice": ["a.oem"]}}).to_dict()["sample"]
-    assert listed["constellation.files.0"]["choice"] == ["/a.oem"]
+    assert plain["trajectory.file"]["choice"] == plain["constellation.files.0"]["choice"] == ["/a.oem"]
 
 
 def test_what_files_depend_on(catalogs, tmp_path):
