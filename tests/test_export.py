@@ -482,6 +482,15 @@ def test_bad_options_are_told_in_one_line_and_leave_nothing(sets, options, messa
     assert not list(tmp_path.iterdir())
 
 
+def test_an_interrupted_export_promises_nothing(sets, tmp_path, monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(export_module.DatasetReader, "counts", interrupted)
+    assert main(["export", str(sets.data()), "-o", str(tmp_path / "out"), "--format", "yolo", "--quiet"]) == 130
+    assert capsys.readouterr().err == "warpsim: interrupted\n" and not list(tmp_path.iterdir())
+
+
 def test_what_is_no_data_set_is_refused(sets, tmp_path):
     with pytest.raises(
         ws.InputError, match=r"holds no complete data set: manifest.json of `warpsim dataset` is missing"

@@ -138,7 +138,7 @@ def _add_dataset(commands: Any) -> None:
     dataset.add_argument("--device", metavar="NAME", help="Warp device of each worker: cpu, cuda:0")
     dataset.add_argument("--overwrite", action="store_true", help="replace a different data set in the folder")
     dataset.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    dataset.set_defaults(command=_dataset)
+    dataset.set_defaults(command=_dataset, resumes=True)
 
     export = commands.add_parser("export", help="write a data set once more, as a trainer wants it")
     export.add_argument("dataset", metavar="DATASET", help="folder of a finished data set")
