@@ -17,7 +17,7 @@ from warpsim.dataset import export as export_module
 from warpsim.dataset import read_dataset
 from warpsim.output.checkpoints import locked
 
-pytest.importorskip("pyarrow")
+parquet = pytest.importorskip("pyarrow.parquet")
 Image = pytest.importorskip("PIL.Image")
 
 SCENE = {
@@ -282,7 +282,9 @@ def test_classes_that_are_not_asked_for_stay_without_labels(sets, tmp_path):
         facts = json.loads((tmp_path / layout / "export.json").read_text())
         assert (facts["classes"], facts["labels"], facts["other_classes"]) == (asked, n_label, report.n_other)
     lines = [line.split() for path in (tmp_path / "yolo").rglob("*_*.txt") for line in path.read_text().splitlines()]
-    rows = [json.loads(line) for path in (tmp_path / "huggingface").rglob("*.jsonl") for line in path.open()]
+    rows = [
+        row for path in (tmp_path / "huggingface").rglob("*.parquet") for row in parquet.read_table(path).to_pylist()
+    ]
     numbers = [asked.index(name) for name in named if name in asked]
     assert sorted(int(line[0]) for line in lines) == sorted(numbers)
     assert sorted(number for row in rows for number in row["objects"]["category"]) == sorted(numbers)
@@ -411,6 +413,23 @@ def test_datasets_loads_the_folder_and_its_card(sets, tmp_path, monkeypatch):
     for rows in carded.values():
         assert rows.features["objects"]["category"].feature.names == ["center", "ball", "cylinder", "cone"]
         assert rows.features["image_id"].dtype == "int64" and rows.features["date_obs"].dtype == "string"
+
+
+@pytest.mark.ci
+def test_a_split_without_a_label_has_types_too(sets, tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_DATASETS_OFFLINE", "1")
+    datasets = pytest.importorskip("datasets")
+    best = {
+        split: max(one["snr_peak"] for _, labels in sets.images(given).values() for one in labels.values())
+        for split, given in (("train", "train"), ("validation", "val"))
+    }
+    poor, rich = sorted(best, key=best.__getitem__)
+    folder = tmp_path / "hub"
+    report = ws.export_dataset(sets.data(), folder, "huggingface", least_snr=1.001 * best[poor])
+    read = datasets.load_dataset(str(folder), cache_dir=str(tmp_path / "cache"))
+    assert not any(row["id"] for row in read[poor]["objects"])
+    assert read[poor].features == read[rich].features
+    assert sum(len(row["id"]) for row in read[rich]["objects"]) == report.n_label > 0
 
 
 # --- older data sets, and what goes wrong ----------------------------------------------------------------------------

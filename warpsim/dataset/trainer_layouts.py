@@ -10,6 +10,7 @@ import json
 import re
 from collections import defaultdict
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,14 @@ HUB_COLUMNS = {
     "time_s": "float64", "date_obs": "string", "nei_w_cm2": "float64",
 }  # fmt: skip
 """Columns of a Hugging Face data set besides `objects`, and their types."""
+
+HUB_OBJECTS: dict[str, Any] = {
+    "bbox": "float64", "category": "int64", "id": "int64", "target": "string", "snr": "float64",
+}  # fmt: skip
+"""Types of what `objects` lists; of a box four."""
+
+LINE_BYTES = 2**26
+"""Of a line of JSON at most."""
 
 
 @dataclass
@@ -140,7 +149,10 @@ class _MotChallenge(_Folder):
 
 
 class _HuggingFace(_Folder):
-    """SPLIT/*.png with SPLIT/metadata.jsonl, and a dataset card whose features name the classes."""
+    """SPLIT/*.png with SPLIT/metadata.parquet, and a dataset card whose features name the classes.
+
+    Rows are lines of JSON until the end, when they get types: of a split without any label readers could not tell them.
+    """
 
     def add(self, picture: Picture, grey: Grey, labels: list[Label], ignored: list[Label]) -> None:
         """Write an image and its line."""
@@ -163,19 +175,28 @@ class _HuggingFace(_Folder):
     @property
     def _features(self) -> list[dict[str, Any]]:
         names = {str(number): name for name, number in self.class_numbers.items()}
-        objects = {
-            "bbox": {"sequence": "float64"},
-            "category": {"class_label": {"names": names}},
-            "id": "int64",
-            "target": "string",
-            "snr": "float64",
-        }
+        objects = HUB_OBJECTS | {"bbox": {"sequence": "float64"}, "category": {"class_label": {"names": names}}}
         struct = [{"name": name, "sequence": kind} for name, kind in objects.items()]
         columns: list[dict[str, Any]] = [{"name": name, "dtype": kind} for name, kind in HUB_COLUMNS.items()]
         return [*columns, {"name": "objects", "struct": struct}]
 
+    @staticmethod
+    def _give_types(lines: Path) -> None:
+        """Turn lines of JSON into a table."""
+        arrow, arrow_json, parquet = (import_module(f"pyarrow{part}") for part in ("", ".json", ".parquet"))
+        objects = {name: arrow.list_(arrow.type_for_alias(kind)) for name, kind in HUB_OBJECTS.items()}
+        objects["bbox"] = arrow.list_(objects["bbox"])
+        kinds = {"file_name": "string"} | {name: kind for name, kind in HUB_COLUMNS.items() if name != "image"}
+        columns = {name: arrow.type_for_alias(kind) for name, kind in kinds.items()}
+        schema = arrow.schema(columns | {"objects": arrow.struct(objects)})
+        options = arrow_json.ReadOptions(block_size=LINE_BYTES), arrow_json.ParseOptions(explicit_schema=schema)
+        parquet.write_table(arrow_json.read_json(lines, *options), lines.with_suffix(".parquet"))
+        lines.unlink()
+
     def finish(self) -> None:
-        """Write the card."""
+        """Write tables and the card."""
+        for split in self.n_picture:
+            self._give_types(self.home / split / "metadata.jsonl")
         others = {"val": "validation", "all": "all_images"}  # `all` has a meaning of its own there
         files = []
         for split in self.n_picture:
