@@ -92,6 +92,26 @@ def test_a_recipe_survives_its_dict_and_json():
     assert ws.Recipe.from_dict(json.loads(json.dumps(made.to_dict()))) == made
 
 
+@pytest.mark.parametrize("name", ["saved.toml", "saved.json"])
+def test_a_saved_recipe_loads_back_equal_and_travels_with_its_files(tmp_path, monkeypatch, name):
+    home = tmp_path / "home"
+    home.mkdir()
+    scene = ws.Scene.load("stss").replace(sky__catalog=str(home / "stars.fits"))
+    given = {
+        "sensors": ["sat11", "sat27"],
+        "split": {"train": 3, "test": 1},
+        "crossings": {"main": {"range_km": [1, 2]}},
+    }
+    made = recipe(scene=scene, sample=SAMPLE, **given)
+    made.save(home / name)
+    monkeypatch.chdir("/")
+    assert ws.Recipe.load(home / name) == made
+    moved = home.rename(tmp_path / "moved")
+    assert ws.Recipe.load(moved / name).scene.sky.catalog == str(moved / "stars.fits")
+    with pytest.raises(ws.InputError, match=r"must end in \.toml or \.json"):
+        made.save(tmp_path / "recipe.yaml")
+
+
 def test_recipes_come_from_files(tmp_path):
     ws.Scene.load("stss").replace(name="mine").save(tmp_path / "scene.toml")
     path = tmp_path / "recipe.toml"

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import configparser
+import csv
 import functools
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +14,10 @@ import pytest
 import warpsim as ws
 from warpsim.cli import main
 from warpsim.dataset import export as export_module
+from warpsim.dataset import read_dataset
 from warpsim.output.checkpoints import locked
 
-pytest.importorskip("pyarrow")
+parquet = pytest.importorskip("pyarrow.parquet")
 Image = pytest.importorskip("PIL.Image")
 
 SCENE = {
@@ -184,6 +187,35 @@ def test_yolo_boxes_are_those_of_coco(sets):
     assert json.loads((folder / "export.json").read_text())["labels"] == n_label
 
 
+def test_provenance_is_that_of_the_data_set(sets):
+    folder = sets.export("yolo")
+    words = json.loads((sets.data() / "manifest.json").read_text())["provenance"]
+    assert words.keys() == {"SCENE", "TIMESYS", "DATEREF", "CREATOR", "RECSEED"} and words["RECSEED"] == GIVEN["seed"]
+    assert json.loads((folder / "export.json").read_text())["provenance"] == words
+    path = sorted((folder / "images" / "train").iterdir())[3]
+    text = json.loads(Image.open(path).text["Description"])
+    assert text.pop("image_id") in {image["id"] for image, _ in sets.images("train").values()} and text == words
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs the list of open files")
+@pytest.mark.parametrize("name", ["fits", "webdataset"])
+def test_few_files_are_open_and_none_afterwards(sets, name, tmp_path, monkeypatch):
+    def opened():
+        links = {path.readlink() for path in Path("/proc/self/fd").iterdir() if path.is_symlink()}
+        return sum(path.is_relative_to(sets.data(name)) for path in links)
+
+    def counted(self, row, read=export_module.DatasetReader.counts):
+        counts = read(self, row)
+        most.append(opened())
+        return counts
+
+    most = []
+    monkeypatch.setattr(read_dataset, "OPEN_FILES", 2)
+    monkeypatch.setattr(export_module.DatasetReader, "counts", counted)
+    ws.export_dataset(sets.data(name), tmp_path / "out", "yolo")
+    assert (max(most), opened()) == (2, 0)
+
+
 @pytest.mark.parametrize("channels", ["bands", "frames", None])
 @pytest.mark.ci
 def test_grey_is_the_stated_map_of_nei(sets, channels):
@@ -231,6 +263,37 @@ def test_faint_targets_are_left_out_and_counted(sets, tmp_path):
         assert f"{report.n_faint:,} too faint" in report.text()
     lines = [line.split(",") for path in (tmp_path / "mot").rglob("gt.txt") for line in path.read_text().splitlines()]
     assert len(lines) == len(snr) and sum(line[6] == "0" for line in lines) == report.n_faint
+
+
+def test_classes_that_are_not_asked_for_stay_without_labels(sets, tmp_path):
+    """Numbers of classes follow the order that is asked for; in gt.txt the others have confidence 0."""
+    asked = ["cone", "ball"]
+    labels = [
+        (split, one) for split in ("train", "val") for _, own in sets.images(split).values() for one in own.values()
+    ]
+    classes = {one["id"]: one["name"] for one in sets.coco("train")["categories"]}
+    named = np.array([classes[one["category_id"]] for _, one in labels])
+    n_label = np.count_nonzero(np.isin(named, asked))
+    assert 0 < n_label < len(named)
+    for layout in LAYOUTS:
+        report = ws.export_dataset(sets.data(), tmp_path / layout, layout, classes=asked)
+        assert (report.n_label, report.n_other, report.n_faint) == (n_label, len(named) - n_label, 0)
+        assert f"{report.n_other:,} of other classes" in report.text()
+        facts = json.loads((tmp_path / layout / "export.json").read_text())
+        assert (facts["classes"], facts["labels"], facts["other_classes"]) == (asked, n_label, report.n_other)
+    lines = [line.split() for path in (tmp_path / "yolo").rglob("*_*.txt") for line in path.read_text().splitlines()]
+    rows = [
+        row for path in (tmp_path / "huggingface").rglob("*.parquet") for row in parquet.read_table(path).to_pylist()
+    ]
+    numbers = [asked.index(name) for name in named if name in asked]
+    assert sorted(int(line[0]) for line in lines) == sorted(numbers)
+    assert sorted(number for row in rows for number in row["objects"]["category"]) == sorted(numbers)
+    for home in sorted((tmp_path / "mot").glob("warpsim-*/*_*")):
+        targets = list(csv.DictReader((home / "gt" / "targets.csv").open()))
+        kinds = {one["id"]: one["class"] for one in targets}
+        lines = [line.split(",") for line in (home / "gt" / "gt.txt").read_text().splitlines()]
+        assert len(kinds) == len(targets) and kinds.keys() == {line[1] for line in lines}
+        assert all((line[6] == "1") == (kinds[line[1]] in asked) for line in lines)
 
 
 # --- MOTChallenge ----------------------------------------------------------------------------------------------------
@@ -347,6 +410,26 @@ def test_datasets_loads_the_folder_and_its_card(sets, tmp_path, monkeypatch):
                 one["category_id"] for one in labels.values()
             ]
     assert any(not row["objects"]["id"] for row in carded["train"])  # an image of nothing
+    for rows in carded.values():
+        assert rows.features["objects"]["category"].feature.names == ["center", "ball", "cylinder", "cone"]
+        assert rows.features["image_id"].dtype == "int64" and rows.features["date_obs"].dtype == "string"
+
+
+@pytest.mark.ci
+def test_a_split_without_a_label_has_types_too(sets, tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_DATASETS_OFFLINE", "1")
+    datasets = pytest.importorskip("datasets")
+    best = {
+        split: max(one["snr_peak"] for _, labels in sets.images(given).values() for one in labels.values())
+        for split, given in (("train", "train"), ("validation", "val"))
+    }
+    poor, rich = sorted(best, key=best.__getitem__)
+    folder = tmp_path / "hub"
+    report = ws.export_dataset(sets.data(), folder, "huggingface", least_snr=1.001 * best[poor])
+    read = datasets.load_dataset(str(folder), cache_dir=str(tmp_path / "cache"))
+    assert not any(row["id"] for row in read[poor]["objects"])
+    assert read[poor].features == read[rich].features
+    assert sum(len(row["id"]) for row in read[rich]["objects"]) == report.n_label > 0
 
 
 # --- older data sets, and what goes wrong ----------------------------------------------------------------------------
@@ -404,6 +487,7 @@ def test_a_folder_appears_whole_or_not_at_all(sets, tmp_path, monkeypatch):
         (["--format", "voc"], "format: must be one of yolo, mot, huggingface, got 'voc'"),
         (["--format", "yolo", "--channels", "rgb"], "channels: must be one of bands, frames, got 'rgb'"),
         (["--format", "yolo", "--bands", "B"], "bands: must be among A, C, got 'B'"),
+        (["--format", "yolo", "--classes", "star"], "classes: must be among center, ball, cylinder, cone, got 'star'"),
         (["--format", "yolo", "--splits", "test"], "splits: must be among train, val, got 'test'"),
         (["--format", "yolo", "--knee", "5", "--top", "4"], "top_nei: must be above knee_nei = 5, got 4.0"),
         (["--format", "yolo", "--least-snr", "much"], "--least-snr: must be a number, got 'much'"),
@@ -415,6 +499,15 @@ def test_bad_options_are_told_in_one_line_and_leave_nothing(sets, options, messa
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupted_export_promises_nothing(sets, tmp_path, monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(export_module.DatasetReader, "counts", interrupted)
+    assert main(["export", str(sets.data()), "-o", str(tmp_path / "out"), "--format", "yolo", "--quiet"]) == 130
+    assert capsys.readouterr().err == "warpsim: interrupted\n" and not list(tmp_path.iterdir())
 
 
 def test_what_is_no_data_set_is_refused(sets, tmp_path):

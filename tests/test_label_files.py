@@ -6,11 +6,12 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from astropy.io import fits
 from astropy.table import MaskedColumn, Table
 
 import warpsim as ws
 from warpsim.files import write_fits_table
-from warpsim.labels.table import DESCRIPTIONS
+from warpsim.render.descriptions import DESCRIPTIONS
 from warpsim.render.resolution import blur_half_px
 
 pyarrow = pytest.importorskip("pyarrow")
@@ -64,11 +65,13 @@ def test_parquet_of_truth_and_stars(frames, tmp_path):
         if len(one):
             same_tables(one, back)
         assert back.colnames == one.colnames and len(back) == len(one)
+        assert [one[name].info.description for name in one.colnames] == [DESCRIPTIONS[name] for name in one.colnames]
 
 
 def test_parquet_of_a_table_from_fits(frames, tmp_path):
     """Its numbers have the other byte order, and its texts are bytes."""
     write_fits_table(frames.truth, tmp_path / "truth.fits")
+    assert "COMMENT" not in fits.getheader(tmp_path / "truth.fits", 1)  # no block of YAML
     ws.labels.write_parquet(Table.read(tmp_path / "truth.fits"), tmp_path / "truth.parquet")
     same_tables(frames.truth, ws.labels.read_parquet(tmp_path / "truth.parquet"))
 

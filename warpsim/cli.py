@@ -33,7 +33,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"warpsim: {printable(str(error))}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("warpsim: interrupted; the same command goes on where it stopped", file=sys.stderr)
+        more = "; the same command goes on where it stopped" if getattr(options, "resumes", False) else ""
+        print(f"warpsim: interrupted{more}", file=sys.stderr)
         return 130
 
 

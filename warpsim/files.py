@@ -119,6 +119,7 @@ def write_fits_table(table: Table, path: Path) -> None:
     """Write a table as FITS, whose texts are ASCII: other letters become Python's escapes, a backslash and a number."""
     table = table.copy(copy_data=False)
     for name in table.colnames:
+        table[name].info.description = None  # else astropy adds a block of YAML to the header
         if table[name].dtype.kind == "U":
             plain = np.char.decode(np.char.encode(np.asarray(table[name]), "ascii", "backslashreplace"), "ascii")
             table.replace_column(name, plain)

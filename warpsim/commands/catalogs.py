@@ -138,7 +138,7 @@ def _add_dataset(commands: Any) -> None:
     dataset.add_argument("--device", metavar="NAME", help="Warp device of each worker: cpu, cuda:0")
     dataset.add_argument("--overwrite", action="store_true", help="replace a different data set in the folder")
     dataset.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    dataset.set_defaults(command=_dataset)
+    dataset.set_defaults(command=_dataset, resumes=True)
 
     export = commands.add_parser("export", help="write a data set once more, as a trainer wants it")
     export.add_argument("dataset", metavar="DATASET", help="folder of a finished data set")
@@ -147,6 +147,7 @@ def _add_dataset(commands: Any) -> None:
     export.add_argument("--channels", metavar="NAME", help="three channels: bands, or frames (the two before, then it)")
     export.add_argument("--bands", metavar="NAMES", help="comma-separated bands; all if left out")
     export.add_argument("--splits", metavar="NAMES", help="comma-separated splits; all if left out")
+    export.add_argument("--classes", metavar="NAMES", help="comma-separated classes to label; all if left out")
     export.add_argument("--least-snr", metavar="X", default="0", help="labels from this SNR in a target's pixel on")
     export.add_argument("--knee", metavar="NEI", default="2", help="8 bits: linear up to here, 2 if left out")
     export.add_argument("--top", metavar="NEI", default="1000", help="8 bits: white from here on, 1000 if left out")
@@ -192,6 +193,7 @@ def _export(options: argparse.Namespace) -> int:
         options.channels,
         names(options.bands),
         names(options.splits),
+        names(options.classes),
         number("--least-snr", options.least_snr),
         number("--knee", options.knee),
         number("--top", options.top),

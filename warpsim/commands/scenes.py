@@ -38,7 +38,7 @@ def add_commands(commands: Any) -> None:
     render.add_argument("--preview", metavar="NAME", help="also an animation of each sensor and band: gif or mp4")
     render.add_argument("--overwrite", action="store_true", help="replace a different run in the folder")
     render.add_argument("--quiet", action="store_true", help="no progress bar, no report")
-    render.set_defaults(command=_render)
+    render.set_defaults(command=_render, resumes=True)
 
     access = commands.add_parser("access", help="list when each sensor can observe a target")
     add_scene(access)

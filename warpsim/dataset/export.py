@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from warpsim.arguments import chosen_names, finite_number
-from warpsim.dataset.pictures import CHANNELS, N_CHANNEL, Picture, ToneMap, pictures_of
+from warpsim.dataset.pictures import CHANNELS, N_CHANNEL, Grey, Picture, ToneMap, pictures_of
 from warpsim.dataset.read_dataset import DatasetReader
-from warpsim.dataset.trainer_layouts import LAYOUTS
+from warpsim.dataset.trainer_layouts import LAYOUTS, Layout
 from warpsim.errors import InputError
 from warpsim.files import write_json
 from warpsim.output.checkpoints import whole_folder
@@ -37,14 +38,17 @@ class ExportReport:
     """Targets of these pictures without a label, as they are not visible."""
     n_faint: int
     """Visible targets below least_snr: without a label, or marked not to be scored (MOTChallenge)."""
+    n_other: int
+    """Visible targets of classes that were not asked for: likewise."""
     total_s: float
 
     def text(self) -> str:
         """One line for a person."""
         faint = f", {self.n_faint:,} too faint" if self.n_faint else ""
+        other = f", {self.n_other:,} of other classes" if self.n_other else ""
         return (
             f"{counted(self.n_image, 'image')} and {counted(self.n_label, 'label')} for {self.format} in {self.folder} "
-            f"after {self.total_s:.1f} s; left out: {self.n_hidden:,} targets not visible{faint}"
+            f"after {self.total_s:.1f} s; left out: {self.n_hidden:,} targets not visible{faint}{other}"
         )
 
 
@@ -55,6 +59,7 @@ def export_dataset(
     channels: str | None = None,
     bands: Sequence[str] | None = None,
     splits: Sequence[str] | None = None,
+    classes: Sequence[str] | None = None,
     least_snr: float = 0.0,
     knee_nei: float = 2.0,
     top_nei: float = 1000.0,
@@ -73,6 +78,8 @@ def export_dataset(
             frames before it. When left out, each image is one of one channel.
         bands: Bands to take; all when left out.
         splits: Splits to take; all when left out.
+        classes: Classes to label, numbered in this order; all when left out. Targets of others stay without a label;
+            in MOTChallenge's files they are marked not to be scored.
         least_snr: Light in a target's own pixel, over the noise of that pixel, from which on it is labelled.
         knee_nei: Level up to which the tone map is linear [NEI].
         top_nei: Level that is drawn white [NEI].
@@ -86,29 +93,44 @@ def export_dataset(
         OSError: An image cannot be read, or writing failed; nothing is left behind.
     """
     begin = time.perf_counter()
-    reader, folder, tone_map = DatasetReader(Path(dataset)), Path(folder).absolute(), ToneMap(knee_nei, top_nei)
-    least_snr = finite_number("least_snr", least_snr)
-    facts = _facts(reader, format, channels, bands) | {"least_snr": least_snr, "tone_map": tone_map.facts}
-    splits = chosen_names("splits", splits, list(reader.splits))
-    with whole_folder(folder) as home:
-        layout = LAYOUTS[format](home, facts)
-        found = np.zeros(4, dtype=np.int64)
-        with progress_bar(sum(len(reader.splits[split]) for split in splits), progress, "images") as advance:
-            for picture in _pictures(reader, splits, facts["bands"], channels or "", advance):
-                labels = [label for label in picture.labels if label.snr >= least_snr]
-                ignored = [label for label in picture.labels if label.snr < least_snr]
-                layout.add(picture, picture.grey(reader, tone_map), labels, ignored)
-                found += np.array([1, len(labels), picture.n_hidden, len(ignored)])
-        if not found[0]:
-            raise InputError(f"has no images in bands {', '.join(facts['bands'])} of {', '.join(splits)}").of(dataset)
-        layout.finish()
-        n_image, n_label, n_hidden, n_faint = found.tolist()
-        counts = {"splits": dict(layout.n_picture), "labels": n_label, "hidden": n_hidden, "faint": n_faint}
-        write_json(facts | counts, home / FACTS)
-    return ExportReport(folder, format, n_image, n_label, n_hidden, n_faint, time.perf_counter() - begin)
+    folder, tone_map = Path(folder).absolute(), ToneMap(knee_nei, top_nei)
+    given = {"least_snr": finite_number("least_snr", least_snr), "tone_map": tone_map.facts}
+    with DatasetReader(Path(dataset)) as reader:
+        facts = _facts(reader, format, channels, bands, classes) | given
+        splits = chosen_names("splits", splits, list(reader.splits))
+        with whole_folder(folder) as home:
+            layout = LAYOUTS[format](home, facts)
+            counts = np.zeros(5, dtype=np.int64)
+            with progress_bar(sum(len(reader.splits[split]) for split in splits), progress, "images") as advance:
+                for picture in _pictures(reader, splits, facts["bands"], channels or "", advance):
+                    counts += _add(layout, picture, picture.grey(reader, tone_map))
+            if not counts[0]:
+                rule = f"has no images in bands {', '.join(facts['bands'])} of {', '.join(splits)}"
+                raise InputError(rule).of(dataset)
+            layout.finish()
+            n_image, *numbers = counts.tolist()
+            named = dict(zip(("labels", "hidden", "faint", "other_classes"), numbers, strict=True))
+            write_json(facts | {"splits": dict(layout.n_picture)} | named, home / FACTS)
+    n_label, n_hidden, n_faint, n_other = numbers
+    return ExportReport(folder, format, n_image, n_label, n_hidden, n_faint, n_other, time.perf_counter() - begin)
 
 
-def _facts(reader: DatasetReader, format: str, channels: str | None, bands: Sequence[str] | None) -> dict[str, Any]:
+def _add(layout: Layout, picture: Picture, grey: Grey) -> npt.NDArray[np.int64]:
+    """Add a picture; return how many pictures, labels, and targets that are hidden, faint or of other classes."""
+    chosen = [label for label in picture.labels if label.class_name in layout.facts["classes"]]
+    labels = [label for label in chosen if label.snr >= layout.facts["least_snr"]]
+    layout.add(picture, grey, labels, [label for label in picture.labels if label not in labels])
+    n_faint, n_other = len(chosen) - len(labels), len(picture.labels) - len(chosen)
+    return np.array([1, len(labels), picture.n_hidden, n_faint, n_other])
+
+
+def _facts(
+    reader: DatasetReader,
+    format: str,
+    channels: str | None,
+    bands: Sequence[str] | None,
+    classes: Sequence[str] | None,
+) -> dict[str, Any]:
     """What is to be said of an export; InputError where it asks for what cannot be."""
     if format not in LAYOUTS:
         raise InputError(f"must be one of {', '.join(LAYOUTS)}", "format", format)
@@ -121,11 +143,12 @@ def _facts(reader: DatasetReader, format: str, channels: str | None, bands: Sequ
         "format": format,
         "title": reader.title,
         "dataset": {"name": reader.folder.absolute().name, "key": reader.key},
+        "provenance": reader.provenance,
         "warpsim": __version__,
         "channels": channels,
         "n_channel": N_CHANNEL if channels else 1,
         "bands": chosen,
-        "classes": reader.class_names,
+        "classes": list(dict.fromkeys(chosen_names("classes", classes, reader.class_names))),
         "interval_s": reader.interval_s,
     }
 

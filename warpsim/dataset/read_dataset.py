@@ -8,7 +8,7 @@ import tarfile
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,9 @@ from warpsim.output.image_files import read_image
 from warpsim.output.output_folder import MANIFEST
 from warpsim.output.zarr_array import check_zarr
 from warpsim.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from typing import Self
 
 Columns = dict[str, npt.NDArray[Any]]
 Counts = npt.NDArray[np.uint16]
@@ -50,6 +53,8 @@ def _columns(path: Path) -> Columns:
 class DatasetReader:
     """A complete data set.
 
+    As a context it closes its files at the end.
+
     Args:
         folder: As `write_dataset` left it.
 
@@ -73,7 +78,17 @@ class DatasetReader:
         )
         self.title = scene.description or scene.name
         self.interval_s = self.recipe.get("interval_s") or scene.frames.interval_s
-        self._opened = lru_cache(maxsize=OPEN_FILES)(_opened)
+        self.provenance: dict[str, Any] = manifest.get("provenance", {})
+        """Words of provenance that all of its files share."""
+        self._open: dict[Path, _File] = {}
+        """Files of images, the one that was read last at the end."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        while self._open:
+            self._open.popitem()[1].close()
 
     def sequences(self, split: str) -> Iterator[list[tuple[dict[str, Any], Columns]]]:
         """Yield the images of each sequence of a split, with the columns of their targets."""
@@ -91,30 +106,41 @@ class DatasetReader:
 
     def counts(self, row: dict[str, Any]) -> Counts:
         """Return the counts of an image, shape (row, column)."""
-        return np.asarray(self._opened(self.folder / row["file"])(row["item"]), dtype=np.uint16)
+        path = self.folder / row["file"]
+        file = self._open[path] = self._open.pop(path) if path in self._open else _opened(path)
+        if len(self._open) > OPEN_FILES:
+            self._open.pop(next(iter(self._open))).close()
+        return np.asarray(file.read(row["item"]), dtype=np.uint16)
 
 
-def _opened(path: Path) -> Callable[[str], npt.NDArray[Any]]:
-    """Open a file of images; return what reads one by its `item` in the table of images."""
+class _File(NamedTuple):
+    """An open file of images."""
+
+    read: Callable[[str], npt.NDArray[Any]]
+    """Of one by its `item` in the table of images."""
+    close: Callable[[], Any] = lambda: None
+
+
+def _opened(path: Path) -> _File:
     if path.suffix in (".png", ".tif"):
-        return lambda item: read_image(path)[0]
+        return _File(lambda item: read_image(path)[0])
     if path.suffix == ".fits":
         from astropy.io import fits
 
         file = fits.open(path)
         if file[0].header["NAXIS"] == 0:  # an extension for each frame
-            return lambda item: np.asarray(file[json.loads(item)[0]].section[:])
-        return lambda item: np.asarray(file[0].section[json.loads(item)[0]])
+            return _File(lambda item: np.asarray(file[json.loads(item)[0]].section[:]), file.close)
+        return _File(lambda item: np.asarray(file[0].section[json.loads(item)[0]]), file.close)
     if path.suffix == ".tar":
         return _tar_reader(path)
     check_zarr()
     import zarr
 
     array: Any = zarr.open_array(store=zarr.storage.LocalStore(path), mode="r")
-    return lambda item: np.asarray(array[tuple(json.loads(item))])
+    return _File(lambda item: np.asarray(array[tuple(json.loads(item))]), array.store.close)
 
 
-def _tar_reader(path: Path) -> Callable[[str], npt.NDArray[Any]]:
+def _tar_reader(path: Path) -> _File:
     tar = tarfile.open(path)  # noqa: SIM115
 
     @lru_cache(maxsize=4)  # of the frames that one picture may show
@@ -126,4 +152,4 @@ def _tar_reader(path: Path) -> Callable[[str], npt.NDArray[Any]]:
         member, _, band = item[:-1].partition("[")
         return np.asarray(bands_of(member)[int(band)])
 
-    return read
+    return _File(read, tar.close)

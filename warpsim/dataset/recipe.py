@@ -30,7 +30,14 @@ from warpsim.labels.boxes import LEAST_BOX_PX
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
-from warpsim.scene.scene_files import named_files, presets, read_scene_data, with_absolute_paths
+from warpsim.scene.scene_files import (
+    named_files,
+    presets,
+    read_scene_data,
+    with_absolute_paths,
+    with_relative_paths,
+    write_scene_data,
+)
 
 if TYPE_CHECKING:
     from typing import Self
@@ -119,7 +126,7 @@ def _scene(value: Any, info: ValidationInfo) -> Scene:
     if isinstance(value, str | os.PathLike):
         return Scene.load(value if value in presets() else _folder(info) / value)
     if isinstance(value, Mapping):
-        return Scene.from_dict(dict(value))
+        return Scene.from_dict(with_absolute_paths(dict(value), _folder(info)))
     raise rule_error("must be a Scene, the name of a preset, or the path of a file")
 
 
@@ -308,6 +315,17 @@ class Recipe:
         """Return nested dicts and lists of plain values, without what is None."""
         plain = adapter(type(self)).dump_python(self, mode="json", exclude={"scene"}, exclude_none=True)
         return {"scene": self.scene.to_dict(), **plain}
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a recipe file (.toml or .json), with the whole scene, that loads back equal.
+
+        Paths of the scene's files beside it or below are written relative to its folder.
+
+        Raises:
+            InputError: The path cannot be written, or ends in something else.
+        """
+        data = self.to_dict()
+        write_scene_data(data | {"scene": with_relative_paths(data["scene"], Path(path).parent)}, path)
 
     @property
     def distributions(self) -> dict[str, Any]:

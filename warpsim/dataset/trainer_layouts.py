@@ -10,6 +10,7 @@ import json
 import re
 from collections import defaultdict
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,20 @@ LEAST_SIDE_PX = 10
 
 PX_DIGITS = 6
 
+HUB_COLUMNS = {
+    "image": "image", "sequence": "int64", "frame": "int64", "sensor": "string", "band": "string", "image_id": "int64",
+    "time_s": "float64", "date_obs": "string", "nei_w_cm2": "float64",
+}  # fmt: skip
+"""Columns of a Hugging Face data set besides `objects`, and their types."""
+
+HUB_OBJECTS: dict[str, Any] = {
+    "bbox": "float64", "category": "int64", "id": "int64", "target": "string", "snr": "float64",
+}  # fmt: skip
+"""Types of what `objects` lists; of a box four."""
+
+LINE_BYTES = 2**26
+"""Of a line of JSON at most."""
+
 
 @dataclass
 class _Folder:
@@ -41,13 +56,13 @@ class _Folder:
 
     @property
     def class_numbers(self) -> dict[str, int]:
-        """Classes of the scene, from 0."""
+        """Labelled classes, from 0."""
         return {name: number for number, name in enumerate(self.facts["classes"])}
 
     def _draw(self, path: str, picture: Picture, grey: Grey) -> None:
         path_of_file = self.home / path
         path_of_file.parent.mkdir(parents=True, exist_ok=True)
-        write_grey(path_of_file, grey, {"image_id": picture.row["image_id"]})
+        write_grey(path_of_file, grey, {"image_id": picture.row["image_id"]} | self.facts["provenance"])
         self.n_picture[picture.split] += 1
 
     def _append(self, path: str, lines: list[str]) -> None:
@@ -92,7 +107,7 @@ class _MotChallenge(_Folder):
     """warpsim-SPLIT/VIDEO with img1/000001.png, gt/gt.txt, gt/targets.csv and seqinfo.ini, and seqmaps."""
 
     def add(self, picture: Picture, grey: Grey, labels: list[Label], ignored: list[Label]) -> None:
-        """Write an image and its lines of gt.txt, in which targets that are too faint have confidence 0."""
+        """Write an image and its lines of gt.txt, in which ignored targets have confidence 0."""
         split, number = f"{BENCHMARK}-{picture.split}", picture.frame + 1
         home = f"{split}/{picture.video}"
         if picture.frame == 0:
@@ -104,13 +119,14 @@ class _MotChallenge(_Folder):
             self._targets: set[int] = set()
         self._draw(f"{home}/img1/{number:06d}.png", picture, grey)
         lines = []
-        for label in sorted([*labels, *ignored]):
+        known = sorted([*labels, *ignored])
+        for label in known:
             x, y, w, h = label.box_px
             box = ",".join(f"{part:.{PX_DIGITS}f}" for part in (x + 1.0, y + 1.0, w, h))
             counts = int(label not in ignored)
             lines.append(f"{number},{label.number},{box},{counts},{MOT_CLASS},{label.unblended:.4f}")
         self._append(f"{home}/gt/gt.txt", lines)
-        new = [label for label in labels if label.number not in self._targets]
+        new = [label for label in known if label.number not in self._targets]
         self._append(f"{home}/gt/targets.csv", [f"{one.number},{one.target},{one.class_name}" for one in new])
         self._targets |= {label.number for label in new}
 
@@ -133,7 +149,10 @@ class _MotChallenge(_Folder):
 
 
 class _HuggingFace(_Folder):
-    """SPLIT/*.png with SPLIT/metadata.jsonl, and a dataset card."""
+    """SPLIT/*.png with SPLIT/metadata.parquet, and a dataset card whose features name the classes.
+
+    Rows are lines of JSON until the end, when they get types: of a split without any label readers could not tell them.
+    """
 
     def add(self, picture: Picture, grey: Grey, labels: list[Label], ignored: list[Label]) -> None:
         """Write an image and its line."""
@@ -153,8 +172,31 @@ class _HuggingFace(_Folder):
         }
         self._append(f"{picture.split}/metadata.jsonl", [json.dumps(line)])
 
+    @property
+    def _features(self) -> list[dict[str, Any]]:
+        names = {str(number): name for name, number in self.class_numbers.items()}
+        objects = HUB_OBJECTS | {"bbox": {"sequence": "float64"}, "category": {"class_label": {"names": names}}}
+        struct = [{"name": name, "sequence": kind} for name, kind in objects.items()]
+        columns: list[dict[str, Any]] = [{"name": name, "dtype": kind} for name, kind in HUB_COLUMNS.items()]
+        return [*columns, {"name": "objects", "struct": struct}]
+
+    @staticmethod
+    def _give_types(lines: Path) -> None:
+        """Turn lines of JSON into a table."""
+        arrow, arrow_json, parquet = (import_module(f"pyarrow{part}") for part in ("", ".json", ".parquet"))
+        objects = {name: arrow.list_(arrow.type_for_alias(kind)) for name, kind in HUB_OBJECTS.items()}
+        objects["bbox"] = arrow.list_(objects["bbox"])
+        kinds = {"file_name": "string"} | {name: kind for name, kind in HUB_COLUMNS.items() if name != "image"}
+        columns = {name: arrow.type_for_alias(kind) for name, kind in kinds.items()}
+        schema = arrow.schema(columns | {"objects": arrow.struct(objects)})
+        options = arrow_json.ReadOptions(block_size=LINE_BYTES), arrow_json.ParseOptions(explicit_schema=schema)
+        parquet.write_table(arrow_json.read_json(lines, *options), lines.with_suffix(".parquet"))
+        lines.unlink()
+
     def finish(self) -> None:
-        """Write the card."""
+        """Write tables and the card."""
+        for split in self.n_picture:
+            self._give_types(self.home / split / "metadata.jsonl")
         others = {"val": "validation", "all": "all_images"}  # `all` has a meaning of its own there
         files = []
         for split in self.n_picture:
@@ -173,6 +215,7 @@ class _HuggingFace(_Folder):
             "- space",
             "configs:",
             "- config_name: default",
+            f"  features: {json.dumps(self._features)}",
             "  data_files:",
             *files,
             "---",

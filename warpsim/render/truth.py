@@ -18,6 +18,7 @@ from warpsim.launches import to_numpy
 from warpsim.optics.psf_bank import paths_struct
 from warpsim.orbit.earth import earth_clearance_m
 from warpsim.render.batch import HostColumns
+from warpsim.render.descriptions import described
 from warpsim.render.device_scene import DeviceBodies, DeviceScene, moved
 from warpsim.render.resolution import resolution_columns
 from warpsim.render.stages import split_light
@@ -105,7 +106,7 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Tab
     for name in table.colnames:
         if name in _UNITS or name.endswith("_w_cm2"):
             table[name].unit = _UNITS.get(name, "W / cm2")
-    return table
+    return described(table)
 
 
 _UNITS = {
@@ -283,4 +284,4 @@ def star_table(frames: ImageAxes, scene: DeviceScene, star_lists: list[tuple[npt
     for name in ("x_px", "y_px", "dx_px", "dy_px"):
         table[name].unit = "pix"
     table["irradiance_w_cm2"].unit = "W / cm2"
-    return table
+    return described(table)
