@@ -1,6 +1,7 @@
 """Served frames: other processes get the bits of `render`, and disturb nobody."""
 
 import contextlib
+import errno
 import fcntl
 import importlib.util
 import json
@@ -488,6 +489,18 @@ def test_what_a_server_killed_while_it_made_its_ring_has_left_gives_way(tmp_path
         with pytest.raises(ws.InputError, match=r"^ring: must be a ring that no other server writes"):
             RingWriter(str(tmp_path / "ring"), 2, 64, b"{}")
     assert [path.name for path in tmp_path.iterdir()] == [".ring.partial"]
+
+
+def test_a_ring_that_cannot_take_its_name_is_one_line(tmp_path, monkeypatch):
+    """As where the one left behind is another user's."""
+
+    def refuse(*_):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    with pytest.raises(ws.InputError, match=r"^ring: cannot be made: Operation not permitted, got '/"):
+        RingWriter(str(tmp_path / "ring"), 2, 64, b"{}")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -60,14 +60,12 @@ class RingWriter:
         self.path = FOLDER / name if "/" not in name else Path(name)
         slot_bytes = -(-(LINE + packet_bytes) // PAGE) * PAGE
         first_slot = -(-(TEXT_AT + len(text)) // PAGE) * PAGE
-        self._file, partial = _locked_file(self.path), partial_path(self.path)
+        self._file = _locked_file(self.path)
         try:
             os.posix_fallocate(self._file, 0, first_slot + n_slot * slot_bytes)  # a full /dev/shm is found here
             self._memory = mmap.mmap(self._file, first_slot + n_slot * slot_bytes)
         except OSError as error:
-            partial.unlink()
-            os.close(self._file)
-            raise InputError(f"cannot be made: {error.strerror}", "ring", str(self.path)) from None
+            raise self._given_up(error) from None
         self._header = np.frombuffer(self._memory, RING, 1)
         slots = np.frombuffer(self._memory, np.uint8, n_slot * slot_bytes, first_slot).reshape(n_slot, slot_bytes)
         self._packets = slots[:, LINE : LINE + packet_bytes]
@@ -81,7 +79,16 @@ class RingWriter:
         self._fence = threading.Lock()
         with self._fence:
             self._header["magic"] = b"WSRING"
-        partial.replace(self.path)  # last: from now on the ring can be read
+        try:
+            partial_path(self.path).replace(self.path)  # last: from now on the ring can be read
+        except OSError as error:  # the ring left behind may be another user's
+            raise self._given_up(error) from None
+
+    def _given_up(self, error: OSError) -> InputError:
+        """Remove what was begun, and return what to say."""
+        partial_path(self.path).unlink()
+        os.close(self._file)
+        return InputError(f"cannot be made: {error.strerror}", "ring", str(self.path))
 
     def write(self, packet: npt.NDArray[np.uint8]) -> None:
         """Write a packet in the place of the oldest one."""
