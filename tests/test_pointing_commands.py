@@ -116,6 +116,20 @@ def test_a_command_waits_until_the_camera_is_settled_and_the_latest_counts():
     assert_same(frames, scene_of([same, schedule(slew=slew)]))
 
 
+@pytest.mark.parametrize("slew", [SLEW, None], ids=["slews", "jumps"])
+def test_a_command_at_the_time_of_the_first_step_takes_its_place(slew):
+    """So that it can be replayed; the camera is settled there from the beginning."""
+    first = {"kind": "schedule", "steps": [{"start_s": 600.0, "track": "main"}], "slew": slew}
+    scene = scene_of(first)
+    assert scene.scenario.instrument.frame_time_s([0])[0] == 600.0
+    stream = ws.Renderer(scene, device="cpu").stream(range(5), SENSORS, ["A"], n_ahead=1)
+    stream.send({"sensor": "sat11", "track": "sphere02"})
+    (row,) = stream.send({"sensor": "sat11", "track": "sphere01", "offset_px": [20, -5]})
+    assert (row.frame, row.start_s, row.settled_s) == (0, 600.0, 600.0)
+    same = first | {"steps": [row.step], "on": ["sat11"]}
+    assert_same(list(stream), scene_of([same, first]), 5)
+
+
 def test_many_commands_leave_no_trace():
     """Steps that are over are forgotten, which no frame shows."""
     commands = {

@@ -1,6 +1,8 @@
 """Served frames: other processes get the bits of `render`, and disturb nobody."""
 
 import contextlib
+import errno
+import fcntl
 import importlib.util
 import json
 import re
@@ -22,6 +24,7 @@ from scipy.spatial.transform import Rotation
 import warpsim as ws
 from warpsim.serving.packet import HEADER
 from warpsim.serving.ring import RING, RingWriter
+from warpsim.serving.sockets import CommandSocket
 
 zmq = pytest.importorskip("zmq")
 
@@ -68,12 +71,12 @@ def subscribed(address, *topics):
     return socket
 
 
-def received(socket, n_packet):
-    """Messages until so many packets have come, or none comes any more."""
+def received(socket, n_packet, is_any=False):
+    """Messages until so many packets (or any messages) have come, or none comes any more."""
     messages = []
     while n_packet and socket.poll(1000 * PATIENCE_S):
         messages.append(socket.recv_multipart())
-        n_packet -= messages[-1][0] != b"scene"
+        n_packet -= is_any or messages[-1][0] != b"scene"
     socket.close()
     return messages
 
@@ -111,7 +114,8 @@ def test_subscribers_get_the_bits_of_render(renderer, rendered, reader):
         everything, some = subscribed(server.address, "scene", "frame/"), subscribed(server.address, "frame/sat27/C")
         stats = server.run()
         assert (stats.n_frame, stats.n_dropped, server.n_packet) == (N_FRAME, 0, 4 * N_FRAME)
-    topics, contents = zip(*received(everything, 4 * N_FRAME), strict=True)
+        messages, only = received(everything, 4 * N_FRAME), received(some, N_FRAME)
+    topics, contents = zip(*messages, strict=True)
     assert_rendered(
         [content for topic, content in zip(topics, contents, strict=True) if topic != b"scene"], rendered, reader
     )
@@ -121,7 +125,6 @@ def test_subscribers_get_the_bits_of_render(renderer, rendered, reader):
     assert about["bands"][1]["nei_w_cm2"] == levels.nei_w_cm2
     assert about["bands"][1]["offset_counts"] == levels.blank_counts
     assert about["packet_bytes"] == 320 + 2 * 128 * 128
-    only = received(some, N_FRAME)
     assert [topic for topic, _ in only] == [b"frame/sat27/C"] * N_FRAME
 
 
@@ -143,12 +146,10 @@ def test_readers_of_the_ring_get_the_bits_of_render(language, renderer, rendered
         if language == "c":
             command = [request.getfixturevalue("c_reader"), server.ring, "1000", out]
         else:
-            command = [sys.executable, EXAMPLES / "subscriber.py", server.ring, "--out", out]
-        child = subprocess.Popen(
-            [str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
+            command = [sys.executable, EXAMPLES / "subscriber.py", server.ring, "--out", out, "--timeout", "60"]
+        child = started(command)
+        await_true(lambda: ring in Path(f"/proc/{child.pid}/maps").read_text())  # it has all from the first packet on
         server.run()
-        await_true(lambda: out.exists() and out.stat().st_size > 0)
     lines, errors = child.communicate(timeout=PATIENCE_S)
     assert child.returncode == 0, errors
     if language == "c":
@@ -160,6 +161,47 @@ def test_readers_of_the_ring_get_the_bits_of_render(language, renderer, rendered
     size = HEADER.itemsize + 2 * 128 * 128
     assert_rendered([data[start : start + size] for start in range(0, len(data), size)], rendered, reader)
     assert not Path(f"/dev/shm/{ring}").exists()
+
+
+def started(command, **options):
+    parts = [str(part) for part in command]
+    return subprocess.Popen(parts, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+
+
+SERVER = """
+import sys, time
+import numpy as np
+from warpsim.serving.ring import RingWriter
+writer = RingWriter(sys.argv[1], 8, 384, b'{"scene": "x", "rate_hz": 1, "sensors": [], "bands": []}')
+writer.write(np.zeros(384, np.uint8))
+print("ready", flush=True)
+time.sleep(600)
+"""
+
+
+def test_the_c_reader_ends_when_its_server_was_killed(c_reader, ring, checkout_environment):
+    """Also while nobody has asked how it ended."""
+    server = started([sys.executable, "-c", SERVER, ring], env=checkout_environment)
+    try:
+        assert server.stdout.readline() == "ready\n"
+        child = started([c_reader, f"/dev/shm/{ring}"])
+        await_true(lambda: ring in Path(f"/proc/{child.pid}/maps").read_text())
+    finally:
+        server.kill()
+    lines, errors = child.communicate(timeout=PATIENCE_S)
+    server.communicate()
+    assert child.returncode == 1 and lines.startswith("0: frame 0, ")
+    assert errors == "0 overtaken, 0 damaged\nthe server has gone\n"
+
+
+def test_the_python_reader_ends_at_ctrl_c(ring, tmp_path):
+    writer = RingWriter(ring, 8, 384, b'{"scene": "x", "rate_hz": 1, "sensors": [], "bands": []}')
+    command = [sys.executable, EXAMPLES / "subscriber.py", writer.path, "--timeout", "600", "--out", tmp_path / "out"]
+    child = started(command, preexec_fn=_with_interrupts)
+    assert child.stderr.readline() == "x at 1 Hz: ; bands \n"
+    child.send_signal(signal.SIGINT)
+    assert child.communicate(timeout=PATIENCE_S) == ("", "") and child.returncode == 0
+    writer.close()
 
 
 def await_true(condition):
@@ -221,12 +263,15 @@ def test_readers_never_take_a_packet_that_is_half_written(ring, reader):
     thread = threading.Thread(target=write)
     thread.start()
     n_seen = 0
-    for packet in reader.from_ring(str(writer.path), 1.0):
-        assert packet == packet[:1] * size
-        n_seen += 1
-        if n_seen == 200:
-            ended.set()
-    thread.join()
+    try:
+        for packet in reader.from_ring(str(writer.path), PATIENCE_S):
+            assert packet == packet[:1] * size
+            n_seen += 1
+            if n_seen == 200:
+                ended.set()
+    finally:
+        ended.set()
+        thread.join()
     assert n_seen >= 200
 
 
@@ -312,15 +357,17 @@ def test_a_loop_goes_on_until_it_is_stopped(renderer, rendered, reader, ring):
         stats = server.run()
         fields = all_fields(server.ring, reader, min(server.n_packet, 1000))
     assert stats.n_frame > 5
-    for number, one in enumerate(fields):
-        assert (one["loop"], one["frame"]) == divmod(number // 2, 5)
+    for one in fields:
+        assert (one["loop"], one["frame"]) == divmod(one["sequence"] // 2, 5)
 
 
-def test_sensors_are_pointed_over_a_socket(renderer, reader, ring):
+def test_sensors_are_pointed_over_a_socket(renderer, reader):
     """The reply says what was done; bad requests get one line, and the server goes on."""
-    options = {"rate_hz": 60.0, "ring": ring, "control": "tcp://127.0.0.1:*", "n_ahead": 2, "ring_frames": 60}
+    options = {"rate_hz": 60.0, "late": "send", "loop": True, "n_ahead": 2}
+    options |= {"address": "tcp://127.0.0.1:*", "control": "tcp://127.0.0.1:*", "wait_for": 1}
     replies = []
-    with ws.FrameServer(renderer, range(60), SENSORS, ["A"], late="send", **options) as server:
+    with ws.FrameServer(renderer, range(20), SENSORS, ["A"], **options) as server:
+        everything = subscribed(server.address, "frame/")
 
         def ask():
             with zmq.Context.instance().socket(zmq.REQ) as socket:
@@ -334,12 +381,15 @@ def test_sensors_are_pointed_over_a_socket(renderer, reader, ring):
                 ):
                     socket.send_multipart(request)
                     replies.append(json.loads(socket.recv()))
+            n_packet = server.n_packet
+            await_true(lambda: server.n_packet > n_packet + 2 * 40)  # the pass is over
+            server.stop()
 
         asking = threading.Thread(target=ask)
         asking.start()
         server.run()
         asking.join()
-        fields = all_fields(server.ring, reader, 120)
+        fields = [reader.fields_of(packet) for _, packet in received(everything, server.n_packet)]
     assert replies[0]["error"].startswith("command: must be JSON: Expecting property name")
     assert replies[1]["error"].startswith("command.sensors: must be sensors of the scene")
     assert all(reply["error"].startswith("command: must be JSON: ") for reply in replies[2:4])
@@ -349,7 +399,45 @@ def test_sensors_are_pointed_over_a_socket(renderer, reader, ring):
     ra, dec = np.radians([10.0, 20.0])
     towards = [np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)]
     there = [bool(np.abs(one - towards).max() < 1e-9) for one in boresights]
-    assert there == [False] * row["frame"] + [True] * (60 - row["frame"])
+    assert sum(there) == 20 - row["frame"]
+    number = there.index(True)
+    assert number % 20 == row["frame"] and all(there[number : number + sum(there)])
+
+
+def test_whatever_a_command_comes_upon_is_replied():
+    """The socket goes on after errors that nobody has thought of."""
+
+    def send(command):
+        if command == 1:
+            raise KeyError("moon")
+        return []
+
+    socket = CommandSocket("tcp://127.0.0.1:*", send)
+    try:
+        with zmq.Context.instance().socket(zmq.REQ) as asking:
+            asking.connect(socket.address)
+            replies = []
+            for request in (b"1", b"2"):
+                asking.send(request)
+                assert asking.poll(1000 * PATIENCE_S)
+                replies.append(json.loads(asking.recv()))
+    finally:
+        socket.close()
+    assert replies[0]["error"].startswith("command: failed: KeyError: ") and replies[1] == {"applied": []}
+
+
+def test_subscribers_are_attended_to_and_stop_is_heard_between_frames(renderer):
+    """The next frame is due in 1000 s."""
+    options = {"rate_hz": 0.001, "address": "tcp://127.0.0.1:*"}
+    with ws.FrameServer(renderer, range(3), SENSORS, ["A"], **options) as server:
+        running = threading.Thread(target=server.run)
+        running.start()
+        await_true(lambda: server.n_packet == 2)
+        topics = [received(subscribed(server.address, "scene"), 1, is_any=True)[0][0] for _ in range(2)]
+        server.stop()
+        running.join(PATIENCE_S)
+        assert not running.is_alive()
+    assert topics == [b"scene"] * 2 and server.stats.n_frame == 1
 
 
 def test_addresses_and_rings_in_use_are_one_line(renderer, ring, tmp_path):
@@ -371,6 +459,12 @@ def test_addresses_and_rings_in_use_are_one_line(renderer, ring, tmp_path):
     with pytest.raises(ws.InputError, match=r"^ring: cannot be made: No such file or directory, got '/no/ring'"):
         ws.FrameServer(*asked, ring="/no/ring")
     assert (tmp_path / "mine").read_text() == "dear"
+    for folder in (tmp_path, "/", ""):
+        with pytest.raises(ws.InputError, match=r"^ring: must be a name that no other file has"):
+            ws.FrameServer(*asked, ring=str(folder))
+    with pytest.raises(ws.InputError, match=r"^ring: cannot be made: File name too long"):
+        ws.FrameServer(*asked, ring="x" * 300)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
 def test_a_ring_that_a_killed_server_has_left_gives_way(renderer, ring):
@@ -380,6 +474,33 @@ def test_a_ring_that_a_killed_server_has_left_gives_way(renderer, ring):
     with ws.FrameServer(renderer, range(3), SENSORS, ["A"], ring=ring, rate_hz=100.0) as server:
         server.run()
         assert Path(server.ring).read_bytes()[64:72] == (6).to_bytes(8, "little")
+
+
+def test_what_a_server_killed_while_it_made_its_ring_has_left_gives_way(tmp_path):
+    """A ring appears whole: until then its file has another name, which is taken over."""
+    (tmp_path / ".ring.partial").write_bytes(bytes(5000))
+    writer = RingWriter(str(tmp_path / "ring"), 2, 64, b"{}")
+    assert [path.name for path in tmp_path.iterdir()] == ["ring"]
+    assert (tmp_path / "ring").read_bytes()[:6] == b"WSRING"
+    writer.close()
+    assert not list(tmp_path.iterdir())
+    with (tmp_path / ".ring.partial").open("wb") as other:  # of a server that makes its ring just now
+        fcntl.flock(other, fcntl.LOCK_EX)
+        with pytest.raises(ws.InputError, match=r"^ring: must be a ring that no other server writes"):
+            RingWriter(str(tmp_path / "ring"), 2, 64, b"{}")
+    assert [path.name for path in tmp_path.iterdir()] == [".ring.partial"]
+
+
+def test_a_ring_that_cannot_take_its_name_is_one_line(tmp_path, monkeypatch):
+    """As where the one left behind is another user's."""
+
+    def refuse(*_):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    with pytest.raises(ws.InputError, match=r"^ring: cannot be made: Operation not permitted, got '/"):
+        RingWriter(str(tmp_path / "ring"), 2, 64, b"{}")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -418,14 +539,7 @@ def test_the_extra_is_named_where_it_is_missing(renderer, monkeypatch):
 def test_the_command_serves_until_it_is_interrupted(how, ring, checkout_environment):
     command = [sys.executable, "-m", "warpsim", "serve", "stss", "--ring", ring, "--rate", "50", "--loop"]
     command += ["--frames", "60:70", "--sensors", "sat11", "--bands", "A", "--device", "cpu"]
-    child = subprocess.Popen(
-        command,
-        env=checkout_environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=_with_interrupts,
-    )
+    child = started(command, env=checkout_environment, preexec_fn=_with_interrupts)
     try:
         assert child.stdout.readline() == f"serving stss: ring /dev/shm/{ring}\n"
         path = Path(f"/dev/shm/{ring}")

@@ -57,14 +57,14 @@ def stream_threads():
 
 def test_frames_come_in_order_and_not_before_they_are_due():
     stream = fake_stream(20, rate_hz=100.0, drop=False)
-    times = [(frame.frames[0], time.perf_counter()) for frame in stream.frames()]
-    assert [number for number, _ in times] == list(range(20))
-    for number, at_s in times:
-        assert at_s - times[0][1] > number / 100.0 - EARLY_S
+    times = [(frame.frames[0], stream.latest.due_s, time.perf_counter()) for frame in stream.frames()]
+    assert [number for number, _, _ in times] == list(range(20))
+    for number, due_s, at_s in times:
+        assert due_s == pytest.approx(times[0][1] + number / 100.0, abs=1e-9) and at_s >= due_s
     stats = stream.stats
     assert (stats.n_frame, stats.n_dropped) == (20, 0)
     assert 0 <= stats.latency_p50_s <= stats.latency_p99_s <= stats.latency_max_s
-    assert stats.duration_s >= 19 / 100.0 - EARLY_S
+    assert stats.duration_s >= 19 / 100.0 - stats.latency_max_s - EARLY_S  # the first one may be late
     assert stats.rate_hz == pytest.approx(19 / stats.duration_s)
 
 
@@ -78,7 +78,7 @@ def test_frames_are_dropped_where_somebody_is_slow(cost_s, work_s):
     assert stats.n_frame == len(got)
     assert stats.n_frame + stats.n_dropped == 60
     assert stats.n_dropped > 20
-    assert stats.n_frame >= 5  # they keep coming
+    assert stats.n_frame >= 2 and got[-1] == 59  # they keep coming, few if the machine does other work
     assert 0 <= stats.n_late <= stats.n_frame
 
 
@@ -237,7 +237,7 @@ def test_twenty_sensors_at_30_hz(moving, renderer, n_frame):
     assert seen == list(range(n_frame))
     stats = renderer.stats
     assert (stats.n_frame, stats.n_dropped) == (n_frame, 0)
-    assert stats.duration_s > (n_frame - 1) / 30 - EARLY_S
+    assert stats.duration_s > (n_frame - 1) / 30 - stats.latency_max_s - EARLY_S
     assert 0 <= stats.latency_p50_s <= stats.latency_p99_s <= stats.latency_max_s
     print(stats)
 

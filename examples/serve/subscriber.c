@@ -1,14 +1,16 @@
-/* Reads the packets of `warpsim serve SCENE --ring NAME` from shared memory: plain POSIX, nothing of warpsim.
+/* Reads the packets of `warpsim serve SCENE --ring NAME` from shared memory: POSIX and flock, nothing of warpsim.
 
      cc -O2 -o subscriber examples/serve/subscriber.c
      ./subscriber /dev/shm/NAME [COUNT [FILE]]
 
-   Prints a line per packet until COUNT packets have come or the server ends; FILE takes them as they are. */
+   Prints a line per packet until COUNT packets have come or the server ends; FILE takes them as they are. Status 1: some
+   were damaged, or the server was killed. */
 #define _POSIX_C_SOURCE 200809L
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <time.h>
@@ -47,6 +49,7 @@ static int read_packet(const struct warpsim_ring *ring, uint64_t k, struct warps
 int main(int argc, char **argv) {
   if (argc < 2) return fprintf(stderr, "usage: %s RING [COUNT [FILE]]\n", argv[0]), 2;
   uint64_t left = argc > 2 ? strtoull(argv[2], NULL, 10) : UINT64_MAX, overtaken = 0, damaged = 0;
+  int gone = 0;
   FILE *out = argc > 3 ? fopen(argv[3], "wb") : NULL;
   const struct timespec nap = {0, 100000}; /* 0.1 ms */
   int file = open(argv[1], O_RDONLY);
@@ -58,15 +61,20 @@ int main(int argc, char **argv) {
 
   struct warpsim_packet *packet = malloc(ring->packet_bytes);
   uint64_t written = load(&ring->written), k = written > ring->n_slot / 2 ? written - ring->n_slot / 2 : 0;
-  while (left) {
+  for (int naps = 0; left;) {
     if (k == (written = load(&ring->written))) {
       if (__atomic_load_n(&ring->closed, __ATOMIC_ACQUIRE) && k == load(&ring->written)) break;
+      if (++naps % 1000 == 0 && !flock(file, LOCK_SH | LOCK_NB)) { /* its server has this lock while it lives */
+        gone = k == load(&ring->written) && !__atomic_load_n(&ring->closed, __ATOMIC_ACQUIRE);
+        if (gone) break;
+        flock(file, LOCK_UN);
+      }
       nanosleep(&nap, NULL);
       continue;
     }
     if (!read_packet(ring, k, packet)) { /* too slow: go on with what is half as old as the ring is long */
-      overtaken += written - ring->n_slot / 2 - k;
-      k = written - ring->n_slot / 2;
+      uint64_t ahead = written > ring->n_slot / 2 ? written - ring->n_slot / 2 : 0;
+      if (ahead > k) overtaken += ahead - k, k = ahead;
       continue;
     }
     k++, left--;
@@ -78,5 +86,6 @@ int main(int argc, char **argv) {
   }
   if (out) fclose(out);
   fprintf(stderr, "%llu overtaken, %llu damaged\n", (unsigned long long)overtaken, (unsigned long long)damaged);
-  return damaged != 0;
+  if (gone) fprintf(stderr, "the server has gone\n");
+  return damaged || gone;
 }

@@ -9,6 +9,7 @@ Prints a line per packet; `--out FILE` takes the packets as they are. ZeroMQ nee
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import mmap
 import struct
@@ -84,7 +85,7 @@ def from_ring(path: str, timeout_s: float) -> Iterator[bytes]:
             number, since_s = number + 1, time.monotonic()
             yield packet
         else:
-            ahead = written() - n_slot // 2
+            ahead = max(number, written() - n_slot // 2)
             print(f"overtaken: {ahead - number} packets are lost", file=sys.stderr)
             number = ahead
 
@@ -111,19 +112,20 @@ def main() -> None:
         if is_socket
         else from_ring(options.source, options.timeout)
     )
-    out = options.out.open("wb") if options.out else None
-    for number, packet in enumerate(packets, start=1):
-        fields = fields_of(packet)
-        late_ms = (time.time_ns() - fields["due_unix_ns"]) / 1e6
-        where = f"{fields['sensor_name']} in {fields['band_name']}"
-        print(f"{fields['sequence']}: frame {fields['frame']}, {fields['utc']}, {where}, {late_ms:.2f} ms after due")
-        if out:
-            out.write(packet)
-        if number == options.count:
-            break
-    if out:
-        out.close()
+    with options.out.open("wb") if options.out else contextlib.nullcontext() as out:
+        for number, packet in enumerate(packets, start=1):
+            fields = fields_of(packet)
+            late_ms = (time.time_ns() - fields["due_unix_ns"]) / 1e6
+            where = f"{fields['sensor_name']} in {fields['band_name']}"
+            print(
+                f"{fields['sequence']}: frame {fields['frame']}, {fields['utc']}, {where}, {late_ms:.2f} ms after due"
+            )
+            if out:
+                out.write(packet)
+            if number == options.count:
+                break
 
 
 if __name__ == "__main__":
-    main()
+    with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C ends it
+        main()

@@ -211,6 +211,7 @@ class Renderer:
         keep_stars: bool = False,
         loop: bool = False,
         prepare: Callable[[FrameSet], Any] | None = None,
+        idle: Callable[[float], bool] | None = None,
     ) -> FrameStream:
         """Render frame after frame in real time, while the caller works on those before; `stats` says how it goes.
 
@@ -228,6 +229,7 @@ class Renderer:
             keep_stars: As in `render`.
             loop: Begin anew after the last frame, without end; pointing is then the scene's again.
             prepare: Function of each frame, called ahead by the thread that renders; `latest.prepared` is its result.
+            idle: Function that waits for so long at most [s], called while no frame is due; False ends the stream.
 
         Returns:
             Iterator of FrameSets of one frame each; its `send` points sensors while it runs.
@@ -248,7 +250,7 @@ class Renderer:
             return frames
 
         pointing = CommandedPointing(self.scenario, request.instrument, request.sensors, self.devices)
-        options: dict[str, Any] = {"loop": loop, "pointing": pointing, "prepare": prepare}
+        options: dict[str, Any] = {"loop": loop, "pointing": pointing, "prepare": prepare, "idle": idle}
         self._stream = Stream(rendered, request.frames, rate_hz, drop, *sizes, **options)
         return FrameStream(self._stream)
 

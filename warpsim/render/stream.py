@@ -36,6 +36,15 @@ USUAL_AHEAD = 4
 MOST_LATENCIES = 100_000
 """Latest frames that the percentiles are of."""
 
+IDLE_S = 0.05
+"""While no frame is ready, `idle` is called so often."""
+
+
+def _sleep(wait_s: float) -> bool:
+    """Wait for so long [s]."""
+    time.sleep(wait_s)
+    return True
+
 
 @dataclass(frozen=True)
 class StreamStats:
@@ -108,6 +117,7 @@ class Stream:
         loop: Whether the first frame follows the last one.
         pointing: Pointing of the sensors, which may be commanded.
         prepare: Function of a frame that is called ahead, by the thread that renders.
+        idle: Waits for so long at most [s] while no frame is due, by the thread that takes; False ends the stream.
     """
 
     def __init__(
@@ -122,9 +132,10 @@ class Stream:
         loop: bool = False,
         pointing: CommandedPointing | None = None,
         prepare: Callable[[FrameSet], Any] | None = None,
+        idle: Callable[[float], bool] | None = None,
     ) -> None:
         self._render, self._frames, self._pointing = render, frames, pointing
-        self._prepare = prepare or (lambda _: None)
+        self._prepare, self._idle = prepare or (lambda _: None), idle or _sleep
         self._n_frame_in_all = math.inf if loop and frames else len(frames)
         self._drop, self._n_ahead, self._n_together = drop, n_ahead, min(n_together, n_ahead)
         self._clock = clock
@@ -205,8 +216,10 @@ class Stream:
     def _take(self) -> FrameSet | None:
         """The next frame, when it is due; None at the end."""
         asked_s = self._clock()
+        while not self._is_ready():
+            if not self._idle(0.0):
+                return None
         with self._changed:
-            self._changed.wait_for(lambda: self._ring or self._finished)
             if not self._ring:
                 if self._error is not None:
                     raise self._error
@@ -220,9 +233,15 @@ class Stream:
             self._changed.notify_all()
         due_s = self._pace.due_s(index)
         while (wait_s := due_s - self._clock()) > 0:
-            time.sleep(wait_s)
+            if not self._idle(wait_s):
+                return None
         self._note(index, self._clock(), asked_s if self._pace.rate_hz is None else due_s, prepared)
         return frame
+
+    def _is_ready(self) -> bool:
+        """Return whether a frame is ready, or none will be, before long."""
+        with self._changed:
+            return self._changed.wait_for(lambda: bool(self._ring) or self._finished, IDLE_S)
 
     def _note(self, index: int, now_s: float, since_s: float, prepared: Any) -> None:
         """Count a frame that is handed over now."""

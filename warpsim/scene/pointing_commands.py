@@ -1,7 +1,8 @@
 """Pointing commands: somebody outside, such as a tracker, points sensors while their frames are rendered.
 
 A command is a step of a schedule that begins at a time of its own: at the next frame, or when the camera has settled if
-it slews then. It takes the place of all steps that the sensor would have begun later. So frames after it are those of a
+it slews then. It takes the place of all steps that the sensor would have begun then or later; if that is the first one
+too, the camera is settled there from the beginning. So frames after it are those of a
 scene whose `pointing` is that schedule, bit for bit; with an exposure to the error of paths, as how finely it is
 followed has been chosen by the scene's own pointing.
 """
@@ -104,10 +105,10 @@ def _with_step(
 ) -> tuple[PointingProgram, tuple[SlewTurn, ...]]:
     """The program in which a sensor goes on with a step, and the turns of that sensor."""
     own, turns, duration_s = program.sensors[sensor], instrument.turns(sensor), scenario.scene.duration_s
-    n_begun = max(1, int(np.searchsorted([old.start_s for old in own.steps], time_s)))
+    n_begun = int(np.searchsorted([old.start_s for old in own.steps], time_s))
     first = max(0, n_begun - _KEPT_STEPS)
-    steps, turns = own.steps[first:n_begun], (NO_TURN, *turns[first + 1 : n_begun])
-    start_s = max(time_s, steps[-1].start_s + turns[-1].total_s)
+    steps, turns = own.steps[first:n_begun], (NO_TURN, *turns[first + 1 : n_begun])[:n_begun]
+    start_s = max(time_s, steps[-1].start_s + turns[-1].total_s) if steps else time_s
     if start_s > duration_s:
         raise InputError(f"the camera is settled at {start_s:g} s only, after the scene's end ({duration_s:g})")
     pointing = instrument.sensor.pointing[own.entry]
@@ -117,7 +118,8 @@ def _with_step(
     sensors = tuple(replace(one, steps=steps) if index == sensor else one for index, one in enumerate(program.sensors))
     program = PointingProgram((*program.laws, law), sensors)
     satellite = instrument.satellites[sensor]
-    turn = step_turn(program, sensor, len(steps) - 1, satellite, scenario.tracks, duration_s)
+    n_before = len(steps) - 1
+    turn = step_turn(program, sensor, n_before, satellite, scenario.tracks, duration_s) if n_before else NO_TURN
     return program, (*turns, turn)
 
 

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.errors import InputError
+from warpsim.files import partial_path
 
 FOLDER = Path("/dev/shm")
 PAGE, LINE = 4096, 64
@@ -59,14 +60,12 @@ class RingWriter:
         self.path = FOLDER / name if "/" not in name else Path(name)
         slot_bytes = -(-(LINE + packet_bytes) // PAGE) * PAGE
         first_slot = -(-(TEXT_AT + len(text)) // PAGE) * PAGE
-        self._file = _new_file(self.path)
+        self._file = _locked_file(self.path)
         try:
             os.posix_fallocate(self._file, 0, first_slot + n_slot * slot_bytes)  # a full /dev/shm is found here
             self._memory = mmap.mmap(self._file, first_slot + n_slot * slot_bytes)
         except OSError as error:
-            self.path.unlink()
-            os.close(self._file)
-            raise InputError(f"cannot be made: {error.strerror}", "ring", str(self.path)) from None
+            raise self._given_up(error) from None
         self._header = np.frombuffer(self._memory, RING, 1)
         slots = np.frombuffer(self._memory, np.uint8, n_slot * slot_bytes, first_slot).reshape(n_slot, slot_bytes)
         self._packets = slots[:, LINE : LINE + packet_bytes]
@@ -79,7 +78,17 @@ class RingWriter:
             self._header[field] = value
         self._fence = threading.Lock()
         with self._fence:
-            self._header["magic"] = b"WSRING"  # last: from now on the ring can be read
+            self._header["magic"] = b"WSRING"
+        try:
+            partial_path(self.path).replace(self.path)  # last: from now on the ring can be read
+        except OSError as error:  # the ring left behind may be another user's
+            raise self._given_up(error) from None
+
+    def _given_up(self, error: OSError) -> InputError:
+        """Remove what was begun, and return what to say."""
+        partial_path(self.path).unlink()
+        os.close(self._file)
+        return InputError(f"cannot be made: {error.strerror}", "ring", str(self.path))
 
     def write(self, packet: npt.NDArray[np.uint8]) -> None:
         """Write a packet in the place of the oldest one."""
@@ -100,19 +109,33 @@ class RingWriter:
         os.close(self._file)  # the memory goes with the arrays that show it
 
 
-def _new_file(path: Path) -> int:
-    """A new file, locked as long as it is open; one that a server has left behind gives way."""
-    with contextlib.suppress(FileNotFoundError), path.open("rb") as old:
-        if old.read(8).rstrip(b"\0") != b"WSRING":
-            raise InputError("must be a name that no other file has", "ring", str(path))
-        try:
-            fcntl.flock(old, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError("must be a ring that no other server writes", "ring", str(path)) from None
-        path.unlink()
+def _locked_file(path: Path) -> int:
+    """The empty file of a ring under its partial name, locked as long as it is open; one left behind is taken over."""
     try:
-        made = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
+        _check_free(path)
+        partial = partial_path(path)
+        made = os.open(partial, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
+        with contextlib.ExitStack() as undo:
+            undo.callback(os.close, made)
+            fcntl.flock(made, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            undo.callback(partial.unlink)
+            _check_free(path)  # whoever had the partial name until now may have the ring
+            os.ftruncate(made, 0)
+            undo.pop_all()
+        return made
+    except BlockingIOError:
+        raise InputError("must be a ring that no other server writes", "ring", str(path)) from None
     except OSError as error:
         raise InputError(f"cannot be made: {error.strerror}", "ring", str(path)) from None
-    fcntl.flock(made, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    return made
+
+
+def _check_free(path: Path) -> None:
+    """Check that a path is free, or that of a ring that no server writes any more."""
+    if not path.exists():
+        return
+    if not path.is_file():
+        raise InputError("must be a name that no other file has", "ring", str(path))
+    with path.open("rb") as old:
+        if old.read(8).rstrip(b"\0") != b"WSRING":
+            raise InputError("must be a name that no other file has", "ring", str(path))
+        fcntl.flock(old, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -78,7 +78,7 @@ class FrameServer:
         asked = request.frames, request.sensors, request.bands
         self._maker = PacketMaker(renderer.scenario, request.instrument, *asked)
         self._n_frame, self._wait_for, self._sequence = len(request.frames), wait_for, 0
-        options: dict[str, Any] = {"n_ahead": n_ahead, "loop": loop, "prepare": self._maker.packets}
+        options: dict[str, Any] = {"n_ahead": n_ahead, "loop": loop, "prepare": self._maker.packets, "idle": self._idle}
         self._stream = renderer.stream(*asked, rate_hz, late == "drop", **options)
         if ring_frames is None:
             fitting = min(RING_S * rate_hz, RING_BYTES / (self._maker.packet_bytes * self._maker.n_image))
@@ -149,8 +149,19 @@ class FrameServer:
             self._sequence += len(packets)
         return self.stats
 
+    def _idle(self, wait_s: float) -> bool:
+        """Attend to subscribers for so long at most; return whether the server goes on."""
+        polled_ms = min(int(1000 * wait_s), POLL_MS)  # whole ones: the rest of a wait is slept, to be in time
+        if self._publisher is not None:
+            self._publisher.attend(polled_ms)
+        elif polled_ms:
+            time.sleep(polled_ms / 1000)
+        if not polled_ms:
+            time.sleep(wait_s)
+        return not self._ended
+
     def stop(self) -> None:
-        """Let `run` end before its next frame; from any thread."""
+        """Let `run` end before its next frame, within 50 ms but for a frame being rendered; from any thread."""
         self._ended = True
 
     def close(self) -> None:

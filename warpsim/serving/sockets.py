@@ -132,6 +132,8 @@ class CommandSocket:
             return {"applied": [{name: getattr(row, name) for name in REPLIED} for row in self._send(command)]}
         except InputError as error:
             return {"error": str(error)}
+        except Exception as error:  # the thread goes on, whatever happens
+            return {"error": f"command: failed: {type(error).__name__}: {one_line(error)}"}
 
     def close(self) -> None:
         """End the thread."""
