@@ -260,6 +260,22 @@ def test_fits_reach_the_cramer_rao_bound(kind, size):
         ratio = float(np.sqrt(np.mean((off[:, axis] / bound[:, axis]) ** 2)))
         assert 0.8 < ratio < WITHIN, name
         assert abs(np.std(off[:, axis] / stated[:, axis]) - 1.0) < 0.1
+    assert np.mean(table["poor_fit"]) < 0.01
+
+
+@pytest.mark.ci
+def test_errors_hold_in_a_crowd():
+    """Of sources in neighbouring pixels some are taken together; errors are as large as stated all the same."""
+    frames = ws.Renderer(ws.Scene.load("stss")).render(range(60, 80), sensors=["sat27"], bands=["A"], keep_stars=True)
+    found = ws.detections(frames)
+    score = ws.evaluate.detections(found, frames.truth, radius_px=1.0, ignore=frames.stars)
+    bins = score.by("neighbour_px", [1.0, 1.5, 2.0, 3.0, 5.0])
+    assert (bins["n_found"] > 10).all() and (bins["chi_square"] < 3.0).all()
+    poor = found["poor_fit"]
+    assert 0.3 < poor.mean() < 0.9
+    np.testing.assert_allclose(found["x_sigma_px"][poor], 12**-0.5)
+    apart = score.truth[(score.truth["outcome"] == "found") & (score.truth["neighbour_px"] > 3.5)]
+    assert len(apart) > 10 and np.mean(poor[apart["found_row"]]) < 0.2
 
 
 @pytest.mark.ci

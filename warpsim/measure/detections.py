@@ -68,7 +68,8 @@ def detections(
     `FrameSet.line_of_sight`; ra_cosdec_sigma_deg, dec_sigma_deg and ra_dec_corr, their errors, of positions alone;
     irradiance_w_cm2, irradiance_sigma_w_cm2, snr, their ratio; sensor_x_m ... sensor_vz_m_s, the sensor's geocentric
     state, and sensor_qx ... sensor_qw, the rotation from GCRS to camera axes; target, "" for none; clump_id, -1 for
-    none; n_merged, how many targets are in the clump.
+    none; n_merged, how many targets are in the clump; poor_fit, that one source does not explain the pixels, or that
+    two would as well: errors of its position are then those of a pixel.
 
     Args:
         source: What is observed; of rendered frames, those.
@@ -186,6 +187,7 @@ def _table(scenario: Scenario, views: Views, found: list[ImageRows]) -> Table:
         "target": np.array([name for rows in found for name in rows.target], dtype=str),
         "clump_id": np.array([number for rows in found for number in rows.clump_id], dtype=np.int64),
         "n_merged": np.array([number for rows in found for number in rows.n_merged], dtype=np.int64),
+        "poor_fit": np.array([is_poor for rows in found for is_poor in rows.poor_fit], dtype=bool),
     }  # fmt: skip
     table = Table(columns, meta=provenance(scenario.scene))
     for name, unit in UNITS.items():

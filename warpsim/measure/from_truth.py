@@ -112,7 +112,8 @@ def draw_detections(truth: Table, n_target: int, instrument: Instrument, draws: 
         names += [""] * len(none)
         clump_id = np.concatenate([sources.clump_id[chosen], none - 1])
         n_merged = np.concatenate([sources.n_merged[chosen], none])
-        yield ImageRows(frame, sensor, band, measured[:, :2], measured[:, 2], sigma, names, clump_id, n_merged)
+        poor = np.zeros(len(measured), dtype=bool)
+        yield ImageRows(frame, sensor, band, measured[:, :2], measured[:, 2], sigma, names, clump_id, n_merged, poor)
 
 
 def _drawn(
