@@ -332,7 +332,8 @@ def test_light_within_one_pixel_is_detected_in_it():
 
 def test_nothing_is_found_where_all_is_full():
     image = ws.Renderer(small_scene(background__earth=True)).render([100], sensors=["sat27"])
-    assert len(ws.detections(image)) == len(ws.detections(image, method="truth", probability=1.0)) == 0
+    drawn = ws.detections(image, method="truth", probability=1.0, clutter_per_image=5.0)
+    assert len(ws.detections(image)) == len(drawn) == 0
     (row,) = ws.photometry(image, "center")
     assert np.isnan(row["irradiance_w_cm2"]) and row["blended"] and row["full_px"] > 0
 
@@ -358,6 +359,7 @@ def test_bad_input_is_one_line(frames):
         ),
         (lambda: ws.detections(frames, clutter_per_image=1.0), "must be left out where detections are found in pixels"),
         (lambda: ws.detections(frames, [3]), "frames: frame 3 of 'sat11' in band 'A' was not rendered"),
+        (lambda: ws.detections(frames, [110.7]), "frames: must be a whole number >= 0, got 110.7"),
         (lambda: ws.detections(frames, sensors="sat12"), "sensors: must be among sat11, sat27, got 'sat12'"),
         (lambda: ws.detections(frames, match_px=-1), "match_px: must be a number above 0, got -1"),
         (lambda: ws.detections("stss"), "scene: must be a Scene or a Scenario, got str"),

@@ -207,6 +207,10 @@ def test_bad_input_is_one_line(tmp_path, found, frames):
         (lambda: ws.photometry(frames, "moon"), "target: must be among center, got 'moon'"),
         (lambda: ws.photometry(frames, "center", method="x"), "method: must be one of psf, aperture, got 'x'"),
         (lambda: ws.photometry(frames, "center", radius_px=0), "radius_px: must be a number above 0, got 0"),
+        (
+            lambda: ws.photometry(frames, "center", method="aperture", radius_px=0.7),
+            "radius_px: must be at least 0.707, to hold the centre of a pixel, got 0.7",
+        ),
         (lambda: ws.photometry(frames, "center", bands="E"), "bands: must be among A, C, got 'E'"),
     ]
     for call, text in cases:

@@ -80,7 +80,8 @@ def detections(
             `detect`), which find what is then fitted alike.
         threshold_sigma: Least light of a detection over its error.
         probability: Of "truth": that a target is detected, however bright.
-        clutter_per_image: Of "truth": mean number of false detections, even over the image, just above the threshold.
+        clutter_per_image: Of "truth": mean number of false detections, even over the image, just above the threshold;
+            none where the background fills the pixels of all its targets.
         seed: Of "truth": another one draws other numbers.
         background_px: Side of the boxes whose medians are the background of an image; 0 for none.
         match_px: How far from a target's position a detection in an image may be to have its name.
@@ -155,7 +156,7 @@ def _observed(
 
 def _chosen(frames: FrameSet, numbers: Any, sensors: Any, bands: Any) -> Table:
     """The truth of some of the rendered frames."""
-    chosen_frames = frames.frames if numbers is None else [int(number) for number in numbers]
+    chosen_frames = frames.frames if numbers is None else [whole_number("frames", number, 0) for number in numbers]
     for number in chosen_frames:
         frames.image_numbers("frames", number, frames.sensors[0], frames.bands[0])
     names = chosen_names("sensors", sensors, frames.sensors), chosen_names("bands", bands, frames.bands)

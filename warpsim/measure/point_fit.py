@@ -29,7 +29,7 @@ _LEAST_INFORMATION = 1e-6
 _GRID_STEP_PX = 2.0 * GRID_PX / (N_GRID - 1)
 _POOR_SIGMA = 5.0
 """Chi-square of a window beyond its expectation from which on a fit is poor, by a neighbour, say."""
-_NEAR_PX, _EDGE_PX = 3.0, 0.35
+_NEAR_PX, _EDGE_PX = 3.0, 0.25
 """Where images are narrower than a pixel, a source that is this near another, and this far from its pixel's centre, may
 be two: light of two neighbouring pixels is like that of one source between them."""
 _WIDER = 1.1
