@@ -260,6 +260,22 @@ def test_fits_reach_the_cramer_rao_bound(kind, size):
         ratio = float(np.sqrt(np.mean((off[:, axis] / bound[:, axis]) ** 2)))
         assert 0.8 < ratio < WITHIN, name
         assert abs(np.std(off[:, axis] / stated[:, axis]) - 1.0) < 0.1
+    assert np.mean(table["poor_fit"]) < 0.01
+
+
+@pytest.mark.ci
+def test_errors_hold_in_a_crowd():
+    """Of sources in neighbouring pixels some are taken together; errors are as large as stated all the same."""
+    frames = ws.Renderer(ws.Scene.load("stss")).render(range(60, 80), sensors=["sat27"], bands=["A"], keep_stars=True)
+    found = ws.detections(frames)
+    score = ws.evaluate.detections(found, frames.truth, radius_px=1.0, ignore=frames.stars)
+    bins = score.by("neighbour_px", [1.0, 1.5, 2.0, 3.0, 5.0])
+    assert (bins["n_found"] > 10).all() and (bins["chi_square"] < 3.0).all()
+    poor = found["poor_fit"]
+    assert 0.3 < poor.mean() < 0.9
+    np.testing.assert_allclose(found["x_sigma_px"][poor], 12**-0.5)
+    apart = score.truth[(score.truth["outcome"] == "found") & (score.truth["neighbour_px"] > 3.5)]
+    assert len(apart) > 10 and np.mean(poor[apart["found_row"]]) < 0.2
 
 
 @pytest.mark.ci
@@ -316,7 +332,8 @@ def test_light_within_one_pixel_is_detected_in_it():
 
 def test_nothing_is_found_where_all_is_full():
     image = ws.Renderer(small_scene(background__earth=True)).render([100], sensors=["sat27"])
-    assert len(ws.detections(image)) == len(ws.detections(image, method="truth", probability=1.0)) == 0
+    drawn = ws.detections(image, method="truth", probability=1.0, clutter_per_image=5.0)
+    assert len(ws.detections(image)) == len(drawn) == 0
     (row,) = ws.photometry(image, "center")
     assert np.isnan(row["irradiance_w_cm2"]) and row["blended"] and row["full_px"] > 0
 
@@ -342,6 +359,7 @@ def test_bad_input_is_one_line(frames):
         ),
         (lambda: ws.detections(frames, clutter_per_image=1.0), "must be left out where detections are found in pixels"),
         (lambda: ws.detections(frames, [3]), "frames: frame 3 of 'sat11' in band 'A' was not rendered"),
+        (lambda: ws.detections(frames, [110.7]), "frames: must be a whole number >= 0, got 110.7"),
         (lambda: ws.detections(frames, sensors="sat12"), "sensors: must be among sat11, sat27, got 'sat12'"),
         (lambda: ws.detections(frames, match_px=-1), "match_px: must be a number above 0, got -1"),
         (lambda: ws.detections("stss"), "scene: must be a Scene or a Scenario, got str"),

@@ -269,6 +269,10 @@ def test_detections_drawn_from_truth_score_as_they_were_drawn():
             lambda found, truth: found.add_row((0, "eye", "A", np.nan, 0.0)),
             "found.x_px: must be finite, got nan in row 1",
         ),
+        (
+            lambda found, truth: truth.add_row(truth[0]),
+            "truth: must have each target of an image once, got 't0' of rows 0 and 1",
+        ),
         (lambda found, truth: truth.remove_rows(slice(0, 3)), "truth: must have rows"),
     ],
 )

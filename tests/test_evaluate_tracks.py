@@ -164,7 +164,9 @@ def test_bad_input_is_one_line(change, words):
         ws.evaluate.tracks(**(usual | change))
 
 
-@pytest.mark.parametrize("zoned", ["2025-01-01T14:10:00Z", "2025-01-01T14:10:00+01:00", "noon"])
+@pytest.mark.parametrize(
+    "zoned", ["2025-01-01T14:10:00Z", "2025-01-01T14:10:00+01:00", "2025-01-01T14:10:00-05:00", "noon"]
+)
 def test_dates_have_no_zone(zoned):
     found = table(one=line(0.0))
     found["date_obs"] = [zoned] * N_TIME

@@ -1,5 +1,6 @@
 """Photometry against what was drawn, and tracking data messages against a reader of another project."""
 
+import json
 import re
 
 import numpy as np
@@ -121,6 +122,34 @@ def test_states_of_sensors_stand_beside(tmp_path, found):
         assert len(segment.instants) == len(set(rows["date_obs"]))
 
 
+def test_messages_say_where_they_are_from(tmp_path, found):
+    named = found.copy()
+    named.meta["SCENE"] = "\u03b2 group"
+    ws.write_tdm(named, tmp_path / "x.tdm")
+    for name in ("x.tdm", "x.oem"):
+        lines = (tmp_path / name).read_text("ascii").split("CREATION_DATE")[0].splitlines()
+        assert lines[1] == "COMMENT SCENE = \\u03b2 group"
+        for word in ("TIMESYS", "DATEREF", "SEED", "NOISSEED", "CREATOR", "METHOD", "CLUTTER_PER_IMAGE"):
+            assert f"COMMENT {word} = {found.meta[word]}" in lines
+
+
+def test_a_message_that_fails_leaves_nothing(tmp_path, found, monkeypatch):
+    """A full disk while the second file is written."""
+    (tmp_path / "x.oem").write_text("before")
+    written = []
+
+    def full(path, *arguments, **options):
+        written.append(path)
+        if len(written) == 2:
+            raise OSError(28, "No space left on device")
+        return path.write_bytes(b"x")
+
+    monkeypatch.setattr("pathlib.Path.write_text", full)
+    with pytest.raises(ws.InputError, match=r"x\.oem: cannot be written: No space left"):
+        ws.write_tdm(found, tmp_path / "x.tdm", overwrite=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["x.oem"] and (tmp_path / "x.oem").read_text() == "before"
+
+
 @pytest.mark.parametrize("suffix", [".ecsv", ".csv", ".parquet", ".tdm"])
 def test_the_command_writes_what_python_gives(capsys, tmp_path, suffix):
     path = tmp_path / f"x{suffix}"
@@ -135,8 +164,11 @@ def test_the_command_writes_what_python_gives(capsys, tmp_path, suffix):
     table = ws.labels.read_parquet(path) if suffix == ".parquet" else Table.read(path, format=f"ascii.{suffix[1:]}")
     assert table.colnames == expected.colnames
     np.testing.assert_array_equal(table["ra_deg"], expected["ra_deg"])
-    if suffix != ".csv":
-        assert table.meta["CLUTTER_PER_IMAGE"] == 2.0 and table["ra_deg"].unit == "deg"
+    if suffix == ".csv":
+        assert json.loads((tmp_path / "x.json").read_text()) == expected.meta
+        assert path.read_text().startswith("frame,time_s,")
+    else:
+        assert table.meta == expected.meta and table["ra_deg"].unit == "deg"
 
 
 def test_the_command_looks_at_images_and_refuses_bad_options(capsys, tmp_path):
@@ -162,7 +194,11 @@ def test_bad_input_is_one_line(tmp_path, found, frames):
             "detections: must be a table of detections, got none",
         ),
         (lambda: ws.write_tdm(infinite, tmp_path / "x.tdm"), "detections.ra_deg: must be finite in row 3"),
-        (lambda: ws.write_tdm(found, tmp_path / "x.oem"), "x.oem: must not end in .oem"),
+        (lambda: ws.write_tdm(found, tmp_path / "x.oem"), "x.oem: must end in one of .tdm, .txt"),
+        (lambda: ws.write_tdm(found, tmp_path / "x.csv"), "x.csv: must end in one of .tdm, .txt"),
+        (lambda: ws.write_tdm(found.to_pandas(), tmp_path / "x.tdm"), "must be an astropy table, got DataFrame"),
+        (lambda: ws.write_tdm(dict(found.columns), tmp_path / "x.tdm"), "must be an astropy table, got dict"),
+        (lambda: ws.write_tdm(found, tmp_path / "x.tdm", {"Z": 1.0}), "zero_mag_w_cm2: must be among A, C, the bands"),
         (lambda: ws.write_tdm(found, tmp_path / "there.tdm"), "there.tdm: is there already"),
         (
             lambda: ws.write_tdm(found, tmp_path / "x.tdm", {"A": 0}),
@@ -171,6 +207,10 @@ def test_bad_input_is_one_line(tmp_path, found, frames):
         (lambda: ws.photometry(frames, "moon"), "target: must be among center, got 'moon'"),
         (lambda: ws.photometry(frames, "center", method="x"), "method: must be one of psf, aperture, got 'x'"),
         (lambda: ws.photometry(frames, "center", radius_px=0), "radius_px: must be a number above 0, got 0"),
+        (
+            lambda: ws.photometry(frames, "center", method="aperture", radius_px=0.7),
+            "radius_px: must be at least 0.707, to hold the centre of a pixel, got 0.7",
+        ),
         (lambda: ws.photometry(frames, "center", bands="E"), "bands: must be among A, C, got 'E'"),
     ]
     for call, text in cases:

@@ -270,6 +270,7 @@ def test_without_stone_soup_it_is_one_line(main, monkeypatch):
     [
         ({"dec_deg": 90.0}, r"found.dec_deg: must be within 89.999 of 0.*got 90.0 in row 0 \(12 such rows\)"),
         ({"dec_sigma_deg": 0.0}, "found.dec_sigma_deg, ra_cosdec_sigma_deg: must be above 0 in row 0"),
+        ({"ra_dec_corr": -1.0}, "found.ra_dec_corr: must be between -1 and 1, got -1.0 in row 0"),
         ({"date_obs": "yesterday"}, "found.date_obs: must be UTC dates"),
         ({"sensor_x_m": np.nan}, "found.sensor_x_m: must be finite"),
     ],

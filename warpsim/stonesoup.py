@@ -187,7 +187,11 @@ def _covariances_rad2(found: Any, dec_deg: npt.NDArray[np.float64]) -> npt.NDArr
         raise InputError("must be above 0", "found.dec_sigma_deg, ra_cosdec_sigma_deg", row=row)
     elevation = np.radians(sigma_deg[:, 0])
     bearing = np.radians(sigma_deg[:, 1]) / np.cos(np.radians(dec_deg))
-    both = numbers(found, ("ra_dec_corr",), "found")[:, 0] * elevation * bearing
+    correlation = numbers(found, ("ra_dec_corr",), "found")[:, 0]
+    if (wrong := np.flatnonzero(np.abs(correlation) >= 1.0)).size:
+        first = int(wrong[0])
+        raise InputError("must be between -1 and 1", "found.ra_dec_corr", float(correlation[first]), row=first)
+    both = correlation * elevation * bearing
     return np.stack([elevation**2, both, both, bearing**2], axis=1).reshape(-1, 2, 2)
 
 

@@ -62,8 +62,8 @@ plt.show()
 #
 # A detection is right within 1 px of a target. Targets that merge with others at this point spread function may share
 # one: `recall` counts them as seen, `recall_resolved` as missed. Detections of stars are neither right nor false. Pairs
-# 1 to 2 px apart can be told apart by truth's measure, and are often found as one, in between: errors there are many
-# times what the fit of a single source says.
+# 1 to 2 px apart can be told apart by truth's measure, and are often found as one, in between: where a fit is poor, or
+# two sources would do as well, the error stated is that of a pixel (`poor_fit`).
 
 # %%
 score = ws.evaluate.detections(found, frames.truth, radius_px=1.0, ignore=frames.stars)

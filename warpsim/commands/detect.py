@@ -40,6 +40,7 @@ def add_commands(commands: Any) -> None:
     detect.add_argument("--seed", metavar="N", default="0", help="another one draws other numbers")
     detect.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
     detect.add_argument("--overwrite", action="store_true", help="replace existing files")
+    detect.add_argument("--quiet", action="store_true", help="no progress bar")
     detect.set_defaults(command=_detect)
 
 
@@ -50,6 +51,8 @@ def _detect(options: argparse.Namespace) -> int:
 
     path = Path(options.output)
     check_new_file(path, SUFFIXES, options.overwrite)
+    if path.suffix.lower() == ".csv":
+        check_new_file(path.with_suffix(".json"), None, options.overwrite)
     settings: dict[str, Any] = {
         "threshold_sigma": number("--threshold", options.threshold),
         "probability": None if options.probability is None else number("--probability", options.probability),
@@ -71,7 +74,13 @@ def _detect(options: argparse.Namespace) -> int:
     else:
         from astropy.table import vstack
 
-        parts = [detections(renderer.render([one], **which), method=options.images, **settings) for one in frames]
+        from warpsim.output.wording import progress_bar
+
+        parts = []
+        with progress_bar(len(frames), not options.quiet, "frames") as advance:
+            for one in frames:
+                parts.append(detections(renderer.render([one], **which), method=options.images, **settings))
+                advance(1)
         table = vstack(parts) if len(parts) > 1 else parts[0]
     _write(table, path, options.overwrite)
     n_named = sum(1 for name in table["target"] if name)
@@ -90,7 +99,9 @@ def _write(table: Table, path: Path, overwrite: bool) -> None:
 
         write_parquet(table, path)
     else:
-        from warpsim.files import whole_file
+        from warpsim.files import whole_file, write_json
 
         with whole_file(path) as partial:
             table.write(partial, format=f"ascii.{path.suffix.lower()[1:]}")
+            if path.suffix.lower() == ".csv":  # comments are what plain readers stumble over
+                write_json(dict(table.meta), path.with_suffix(".json"))

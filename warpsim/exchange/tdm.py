@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.exchange.instants import FileInstants, parse_dates
 from warpsim.exchange.segments import EphemerisSegment
-from warpsim.exchange.write import ccsds_header, plain_text, write_lines, write_oem
+from warpsim.exchange.write import ccsds_header, oem_lines, plain_text, write_lines
 from warpsim.files import check_new_file
 
 if TYPE_CHECKING:
@@ -21,6 +21,11 @@ if TYPE_CHECKING:
 
 UNKNOWN = "UNKNOWN"
 """Participant of detections that no target is known of."""
+
+SUFFIXES = (".tdm", ".txt")
+
+_LONGEST_COMMENT = 240
+"""Lines of the standard have 254 letters at most."""
 
 _STATE = ("sensor_x_m", "sensor_y_m", "sensor_z_m", "sensor_vx_m_s", "sensor_vy_m_s", "sensor_vz_m_s")
 _NEEDED = ("date_obs", "sensor", "band", "ra_deg", "dec_deg", "irradiance_w_cm2", "target", *_STATE)
@@ -43,39 +48,46 @@ def write_tdm(
     One segment for each sensor, band and target (`ANGLE_TYPE = RADEC`, `REFERENCE_FRAME = ICRF`): PARTICIPANT_1 is the
     sensor, PARTICIPANT_2 the target or UNKNOWN, EPHEMERIS_NAME_1 the OEM, of the same name with the suffix .oem. A
     segment holds a keyword once at a time, so that of several unknown detections of an image each has a segment. The
-    standard has no keyword for errors: they stay in the table.
+    standard has no keyword for errors: they stay in the table. Its meta (scene, epoch, seeds, version) becomes comments
+    of both files.
 
     Args:
         detections: As `detections` returns it.
-        path: The file; it appears whole or not at all.
+        path: The file, .tdm or .txt; both files appear whole, or none at all.
         zero_mag_w_cm2: In-band irradiance of magnitude 0 by band: MAG is then written for these [W/cm2].
         originator: Who made it.
         creation_date: UTC; now, where left out.
         overwrite: Whether existing files are replaced.
 
     Raises:
-        InputError: There are no detections, a column is missing, a number or a name cannot be written, or a file is
-            there or cannot be written.
+        InputError: There are no detections, a column is missing, a band is none of theirs, a number or a name cannot be
+            written, or a file has another suffix, is there or cannot be written.
     """
-    target_path, oem_path = Path(path), Path(path).with_suffix(".oem")
-    if target_path == oem_path:
-        raise InputError("must not end in .oem, the suffix of the sensors' states").of(path)
-    for file in (target_path, oem_path):
-        check_new_file(file, None, overwrite)
+    tdm_path, oem_path = Path(path), Path(path).with_suffix(".oem")
+    check_new_file(tdm_path, SUFFIXES, overwrite)
+    check_new_file(oem_path, None, overwrite)
     columns = _checked(detections, path)
     instants = parse_dates(columns["date_obs"].tolist(), "UTC")
-    zeros = _zeros(zero_mag_w_cm2)
-    lines = ccsds_header("TDM", originator, creation_date)
+    zeros = _zeros(zero_mag_w_cm2, np.unique(columns["band"]).tolist())
+    header = originator, creation_date, _provenance(detections)
+    lines = ccsds_header("TDM", *header)
     for rows in _segments(columns):
         lines += _segment(columns, instants, rows, oem_path.name, zeros)
-    write_oem(oem_path, _states(columns, instants), originator, creation_date, overwrite)
-    write_lines(target_path, lines)
+    states = oem_lines(oem_path, _states(columns, instants), ccsds_header("OEM", *header))
+    write_lines({tdm_path: lines, oem_path: states})
+
+
+def _provenance(detections: Table) -> list[str]:
+    """Words of the table's meta for comments; letters beyond ASCII as escapes."""
+    words = [f"{name} = {value}" for name, value in detections.meta.items() if isinstance(value, str | int | float)]
+    return [ascii(word)[1:-1][:_LONGEST_COMMENT] for word in words]
 
 
 def _checked(detections: Table, path: Any) -> dict[str, NDArray[Any]]:
     """The columns that are written."""
-    missing = [name for name in _NEEDED if name not in getattr(detections, "colnames", ())]
-    if missing:
+    if not hasattr(detections, "colnames"):
+        raise InputError(f"must be an astropy table, got {type(detections).__name__}", "detections")
+    if missing := [name for name in _NEEDED if name not in detections.colnames]:
         raise InputError(f"must be a table of detections, got none of {', '.join(missing)}", "detections")
     if not len(detections):
         raise InputError("must be one at least, got none", "detections").of(path)
@@ -86,9 +98,11 @@ def _checked(detections: Table, path: Any) -> dict[str, NDArray[Any]]:
     return columns
 
 
-def _zeros(zero_mag_w_cm2: Mapping[str, float] | None) -> dict[str, float]:
+def _zeros(zero_mag_w_cm2: Mapping[str, float] | None, bands: list[str]) -> dict[str, float]:
     zeros = dict(zero_mag_w_cm2 or {})
     for band, value in zeros.items():
+        if band not in bands:
+            raise InputError(f"must be among {', '.join(bands)}, the bands of the detections", "zero_mag_w_cm2", band)
         if not (isinstance(value, int | float | np.number) and 0.0 < value < np.inf):
             raise InputError("must be a number above 0", f"zero_mag_w_cm2.{band}", value)
     return {band: float(value) for band, value in zeros.items()}

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
@@ -45,8 +46,13 @@ def write_oem(
         InputError: A segment has no velocities, counts from a scene's epoch, or the file is there or cannot be written.
     """
     runs = _checked_runs(path, segments, overwrite)
-    lines = ccsds_header("OEM", originator, creation_date)
-    for segment in runs:
+    write_lines({path: oem_lines(path, runs, ccsds_header("OEM", originator, creation_date))})
+
+
+def oem_lines(path: str | os.PathLike[str], segments: Sequence[EphemerisSegment], header: list[str]) -> list[str]:
+    """Return the lines of an OEM; InputError, which names the path, where a segment has no velocities."""
+    lines = list(header)
+    for segment in segments:
         if segment.velocity_m_s is None:
             raise InputError("must have velocities to be written as an OEM").of(segment.object_name).of(path)
         meta = {"CENTER_NAME": "EARTH", "REF_FRAME": CCSDS_NAME[segment.frame]}
@@ -55,7 +61,7 @@ def write_oem(
         for date, r, v in zip(dates, segment.position_m / 1e3, segment.velocity_m_s / 1e3, strict=True):
             lines.append(f"{date} {r[0]:.12f} {r[1]:.12f} {r[2]:.12f} {v[0]:.15f} {v[1]:.15f} {v[2]:.15f}")
         lines.append("")
-    write_lines(path, lines)
+    return lines
 
 
 def write_aem(
@@ -81,7 +87,7 @@ def write_aem(
         for date, q in zip(dates, segment.quaternion, strict=True):
             lines.append(f"{date} {q[0]:.16f} {q[1]:.16f} {q[2]:.16f} {q[3]:.16f}")
         lines += ["DATA_STOP", ""]
-    write_lines(path, lines)
+    write_lines({path: lines})
 
 
 def write_stk_ephemeris(
@@ -123,7 +129,7 @@ def write_stk_ephemeris(
         parts = [run.position_m] if run.velocity_m_s is None else [run.position_m, run.velocity_m_s]
         form = "%.9f %.9f %.9f %.12f %.12f %.12f"
         lines += [_stk_row(t, row, form) for t, row in zip(times, np.hstack(parts), strict=True)]
-    write_lines(path, [*lines, "", "END Ephemeris"])
+    write_lines({path: [*lines, "", "END Ephemeris"]})
 
 
 def write_stk_attitude(path: str | os.PathLike[str], segment: AttitudeSegment, overwrite: bool = False) -> None:
@@ -140,7 +146,7 @@ def write_stk_attitude(path: str | os.PathLike[str], segment: AttitudeSegment, o
     lines += ["AttitudeTimeQuaternions", ""]
     times = segment.instants.since_instant(epoch)
     lines += [_stk_row(t, q, "%.16f %.16f %.16f %.16f") for t, q in zip(times, segment.quaternion, strict=True)]
-    write_lines(path, [*lines, "", "END Attitude"])
+    write_lines({path: [*lines, "", "END Attitude"]})
 
 
 def _stk_row(time_s: float, values: F64, form: str) -> str:
@@ -165,11 +171,12 @@ def _stk_interpolation(segment: EphemerisSegment) -> list[str]:
     return [f"InterpolationMethod     {name}", f"InterpolationSamplesM1  {max(samples_m1, 1)}"]
 
 
-def ccsds_header(kind: str, originator: str, creation_date: str | None) -> list[str]:
+def ccsds_header(kind: str, originator: str, creation_date: str | None, comments: Sequence[str] = ()) -> list[str]:
     """Return the header of a message, version 2.0; made now where no date is given."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S")
     made = now if creation_date is None else creation_date
-    return [f"CCSDS_{kind}_VERS = 2.0", f"CREATION_DATE = {made}", f"ORIGINATOR = {plain_text(originator)}", ""]
+    begin = [f"CCSDS_{kind}_VERS = 2.0", *(f"COMMENT {text}" for text in comments)]
+    return [*begin, f"CREATION_DATE = {made}", f"ORIGINATOR = {plain_text(originator)}", ""]
 
 
 def _ccsds_meta(segment: Segment, more: dict[str, str], method_keyword: str) -> list[str]:
@@ -206,10 +213,13 @@ def _checked_runs(path: str | os.PathLike[str], segments: _S | Sequence[_S], ove
     return runs
 
 
-def write_lines(path: str | os.PathLike[str], lines: list[str]) -> None:
-    """Write lines as ASCII text, whole or not at all; InputError where that fails."""
+def write_lines(files: Mapping[str | os.PathLike[str], list[str]]) -> None:
+    """Write lines as ASCII text, all files whole or none at all; InputError where that fails."""
+    path: str | os.PathLike[str] = ""
     try:
-        with whole_file(Path(path)) as partial:
-            partial.write_text("\n".join(lines).rstrip("\n") + "\n", encoding="ascii", newline="\n")
+        with contextlib.ExitStack() as stack:
+            for path, lines in files.items():
+                partial = stack.enter_context(whole_file(Path(path)))
+                partial.write_text("\n".join(lines).rstrip("\n") + "\n", encoding="ascii", newline="\n")
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}").of(path) from None

@@ -99,6 +99,12 @@ def _truth(table: Any, least_snr: float) -> tuple[Images, Truth]:
     keys = _keys(table, "truth", ("frame", "sensor", "band"))
     if not keys:
         raise InputError("must have rows: one per target of each image that was searched", "truth")
+    if has_column(table, "target"):
+        first: dict[tuple[Any, ...], int] = {}
+        for row, key in enumerate(_keys(table, "truth", ("frame", "sensor", "band", "target"))):
+            if first.setdefault(key, row) != row:
+                rule = f"must have each target of an image once, got {key[3]!r} of rows {first[key]} and {row} twice"
+                raise InputError(rule, "truth")
     images = {key: number for number, key in enumerate(dict.fromkeys(keys))}
     image = np.array([images[key] for key in keys], dtype=np.int64)
     names = ("x_px", "y_px", "irradiance_w_cm2", "snr")

@@ -68,7 +68,8 @@ def detections(
     `FrameSet.line_of_sight`; ra_cosdec_sigma_deg, dec_sigma_deg and ra_dec_corr, their errors, of positions alone;
     irradiance_w_cm2, irradiance_sigma_w_cm2, snr, their ratio; sensor_x_m ... sensor_vz_m_s, the sensor's geocentric
     state, and sensor_qx ... sensor_qw, the rotation from GCRS to camera axes; target, "" for none; clump_id, -1 for
-    none; n_merged, how many targets are in the clump.
+    none; n_merged, how many targets are in the clump; poor_fit, that one source does not explain the pixels, or that
+    two would as well: errors of its position are then those of a pixel.
 
     Args:
         source: What is observed; of rendered frames, those.
@@ -79,7 +80,8 @@ def detections(
             `detect`), which find what is then fitted alike.
         threshold_sigma: Least light of a detection over its error.
         probability: Of "truth": that a target is detected, however bright.
-        clutter_per_image: Of "truth": mean number of false detections, even over the image, just above the threshold.
+        clutter_per_image: Of "truth": mean number of false detections, even over the image, just above the threshold;
+            none where the background fills the pixels of all its targets.
         seed: Of "truth": another one draws other numbers.
         background_px: Side of the boxes whose medians are the background of an image; 0 for none.
         match_px: How far from a target's position a detection in an image may be to have its name.
@@ -154,7 +156,7 @@ def _observed(
 
 def _chosen(frames: FrameSet, numbers: Any, sensors: Any, bands: Any) -> Table:
     """The truth of some of the rendered frames."""
-    chosen_frames = frames.frames if numbers is None else [int(number) for number in numbers]
+    chosen_frames = frames.frames if numbers is None else [whole_number("frames", number, 0) for number in numbers]
     for number in chosen_frames:
         frames.image_numbers("frames", number, frames.sensors[0], frames.bands[0])
     names = chosen_names("sensors", sensors, frames.sensors), chosen_names("bands", bands, frames.bands)
@@ -186,6 +188,7 @@ def _table(scenario: Scenario, views: Views, found: list[ImageRows]) -> Table:
         "target": np.array([name for rows in found for name in rows.target], dtype=str),
         "clump_id": np.array([number for rows in found for number in rows.clump_id], dtype=np.int64),
         "n_merged": np.array([number for rows in found for number in rows.n_merged], dtype=np.int64),
+        "poor_fit": np.array([is_poor for rows in found for is_poor in rows.poor_fit], dtype=bool),
     }  # fmt: skip
     table = Table(columns, meta=provenance(scenario.scene))
     for name, unit in UNITS.items():

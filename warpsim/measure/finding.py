@@ -12,14 +12,12 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.measure.pixel_psf import PixelPsf
-from warpsim.measure.point_fit import N_ROUGH_STEP, PointFit, PointFitter
+from warpsim.measure.point_fit import LEAST_APART_PX, N_ROUGH_STEP, PointFit, PointFitter
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 MOST_PASS = 6
-LEAST_APART_PX = 1.1
-"""Sources that are nearer than that, or than the blur is wide, are one."""
 _DYNAMIC_RANGE = 20.0
 """Sources fainter than the brightest one over it wait for the next pass, when the brighter ones are taken out."""
 _MODEL_ERROR = 0.02
@@ -105,7 +103,7 @@ def find_points(
     fit = fitter.result(fitter.fit(state))
     bright = np.flatnonzero(fit.flux >= threshold_sigma * fit.sigma[:, 2])
     bright = bright[np.lexsort((fit.xy_px[bright, 0], fit.xy_px[bright, 1]))]
-    return PointFit(fit.xy_px[bright], fit.flux[bright], fit.sigma[bright])
+    return fit.where(bright)
 
 
 def _far_from(found: F64, known: F64, nearest_px: float) -> Mask:

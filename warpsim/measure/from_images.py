@@ -87,7 +87,7 @@ def find_detections(
         yield ImageRows(
             frame, sensor, band, fit.xy_px, fit.flux * image.nei_w_cm2,
             fit.sigma * np.array([1.0, 1.0, image.nei_w_cm2]), names, clump_id,
-            np.where(clump_id >= 0, (clump_id[:, None] == clump).sum(axis=1), 0),
+            np.where(clump_id >= 0, (clump_id[:, None] == clump).sum(axis=1), 0), fit.is_poor,
         )  # fmt: skip
 
 

@@ -88,11 +88,13 @@ def draw_detections(truth: Table, n_target: int, instrument: Instrument, draws: 
     size = np.array([camera.n_col, camera.n_row])
     columns = {name: np.array(truth[name]) for name in ("frame", "sensor", "band", "target", *_NUMBERS)}
     faint, bound = {}, columns["irradiance_sigma_w_cm2"]
-    in_pixel = np.array(truth["background_w_cm2"]) if "background_w_cm2" in truth.colnames else np.zeros(len(truth))
+    behind = np.array(truth["background_w_cm2"]) if "background_w_cm2" in truth.colnames else np.zeros(len(truth))
+    in_pixel, blind = behind.copy(), np.zeros(len(truth), dtype=bool)
     for band in np.unique(truth["band"]).tolist():  # bounds of a source as bright as the noise of a pixel
         own = columns["band"] == band
         in_pixel[own] += np.array(truth["snr_peak"])[own] * instrument.nei_w_cm2(band)
         full = in_pixel >= full_w_cm2(instrument, band)
+        blind |= own & (behind >= full_w_cm2(instrument, band))
         columns["irradiance_w_cm2"][own & np.isinf(bound) & full] = 0.0  # all its pixels are: not seen
         faint[band] = source_sigma(PixelPsf(instrument.psf(band), camera.pixel_aspect), 1.0)
         # Of light within one pixel no position is known, and truth has no bound of its brightness either.
@@ -106,13 +108,17 @@ def draw_detections(truth: Table, n_target: int, instrument: Instrument, draws: 
         numbers = uniforms(key, f"detections {band}", frame, N_DRAW * n_target).reshape(-1, N_DRAW)[sources.target]
         measured, sigma, chosen = _drawn(sources, numbers, on_array, draws)
         clutter = _clutter(key, band, frame, draws, faint[band], instrument.nei_w_cm2(band), size)
+        here = slice(start, start + n_target)
+        if np.isfinite(behind[here]).any() and blind[here][np.isfinite(behind[here])].all():
+            clutter = clutter[0][:0], clutter[1][:0]
         measured, sigma = (np.concatenate(pair) for pair in zip((measured, sigma), clutter, strict=True))
         names = rows["target"][sources.target[chosen]].tolist()
         none = np.zeros(len(measured) - len(chosen), dtype=np.int64)
         names += [""] * len(none)
         clump_id = np.concatenate([sources.clump_id[chosen], none - 1])
         n_merged = np.concatenate([sources.n_merged[chosen], none])
-        yield ImageRows(frame, sensor, band, measured[:, :2], measured[:, 2], sigma, names, clump_id, n_merged)
+        poor = np.zeros(len(measured), dtype=bool)
+        yield ImageRows(frame, sensor, band, measured[:, :2], measured[:, 2], sigma, names, clump_id, n_merged, poor)
 
 
 def _drawn(

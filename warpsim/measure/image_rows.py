@@ -29,3 +29,5 @@ class ImageRows:
     """Clump of the truth, -1 for none, (n,)."""
     n_merged: npt.NDArray[np.int64]
     """Targets in the clump, 0 for none, (n,)."""
+    poor_fit: npt.NDArray[np.bool_]
+    """Of one source in pixels: it does not explain them, or two would as well, (n,)."""

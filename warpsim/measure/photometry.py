@@ -52,7 +52,7 @@ def photometry(
         sensors: Some of those of the frames; all when left out.
         bands: Some of those of the frames; all when left out.
         method: "psf" or "aperture".
-        radius_px: Of the aperture, in widths of a pixel.
+        radius_px: Of the aperture, in widths of a pixel; at least half a pixel's diagonal.
         background_px: Side of the boxes whose medians are the background; 0 for none.
 
     Raises:
@@ -61,6 +61,9 @@ def photometry(
     if method not in get_args(Method):
         raise InputError(f"must be one of {', '.join(get_args(Method))}", "method", method)
     radius, box_px = above_zero("radius_px", radius_px), whole_number("background_px", background_px, 0)
+    least_px = 0.5 * math.hypot(1.0, frames.instrument.sensor.camera.pixel_aspect)
+    if method == "aperture" and radius < least_px:
+        raise InputError(f"must be at least {least_px:.3f}, to hold the centre of a pixel", "radius_px", radius_px)
     names = frames.scenario.target_names
     number = names.index(chosen_names("target", [target], names)[0])
     sensor_list = chosen_names("sensors", sensors, frames.sensors)

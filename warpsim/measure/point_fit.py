@@ -15,6 +15,9 @@ F64 = npt.NDArray[np.float64]
 N_STEP, N_ROUGH_STEP = 30, 8
 """Steps of a fit at most, and of one that others follow."""
 
+LEAST_APART_PX = 1.1
+"""Sources that are nearer than that, or than the blur is wide, are one."""
+
 LARGEST_SIGMA_PX = 12.0**-0.5
 """Error of a position of which no more is known than its pixel."""
 
@@ -26,6 +29,9 @@ _LEAST_INFORMATION = 1e-6
 _GRID_STEP_PX = 2.0 * GRID_PX / (N_GRID - 1)
 _POOR_SIGMA = 5.0
 """Chi-square of a window beyond its expectation from which on a fit is poor, by a neighbour, say."""
+_NEAR_PX, _EDGE_PX = 3.0, 0.25
+"""Where images are narrower than a pixel, a source that is this near another, and this far from its pixel's centre, may
+be two: light of two neighbouring pixels is like that of one source between them."""
 _WIDER = 1.1
 """Errors over those of a parabola from which on the likelihood is taken as no parabola."""
 
@@ -39,6 +45,12 @@ class PointFit(NamedTuple):
     """In the image's unit, (n,)."""
     sigma: F64
     """Standard deviations of x, y and flux by the Fisher information of all sources together, (n, 3)."""
+    is_poor: npt.NDArray[np.bool_]
+    """Fits that one source does not explain, or two would as well: no more is known than the pixel, (n,)."""
+
+    def where(self, chosen: npt.NDArray[np.int64]) -> PointFit:
+        """Return some of the sources."""
+        return PointFit(self.xy_px[chosen], self.flux[chosen], self.sigma[chosen], self.is_poor[chosen])
 
 
 class PointFitter:
@@ -110,10 +122,11 @@ class PointFitter:
         """Return a fitted state with its errors; those of positions are at most that of a pixel.
 
         Where pixels are wide the likelihood is flat between a pixel's edges, and no parabola: means over the grid then
-        take the place of the likeliest position. Those of a poor fit grow by the root of its chi-square.
+        take the place of the likeliest position. Errors of a poor fit, or of one that may be of two sources, are those
+        of a pixel.
         """
         if not len(state):
-            return PointFit(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3)))
+            return PointFit(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 3)), np.zeros(0, dtype=bool))
         residual, weight, slopes = self._linear(state)
         information = self._information(slopes, weight).toarray()
         sigma = np.sqrt(np.diag(np.linalg.inv(information))).reshape(-1, 3)
@@ -125,9 +138,17 @@ class PointFitter:
         ok = weight[self._flat] > 0.0
         misfit = (weight * residual**2)[self._flat].sum(axis=1) / np.maximum(ok.sum(axis=1), 1)
         is_poor = misfit > 1.0 + _POOR_SIGMA * np.sqrt(2.0 / np.maximum(ok.sum(axis=1), 1))
-        sigma[:, :2] *= np.sqrt(np.where(is_poor, misfit, 1.0))[:, None]
-        sigma[:, :2] = np.minimum(sigma[:, :2], LARGEST_SIGMA_PX)
-        return PointFit(state[:, :2], state[:, 2], sigma)
+        is_poor |= self._may_be_two(state[:, :2])
+        sigma[:, :2] = np.where(is_poor[:, None], LARGEST_SIGMA_PX, np.minimum(sigma[:, :2], LARGEST_SIGMA_PX))
+        return PointFit(state[:, :2], state[:, 2], sigma, is_poor)
+
+    def _may_be_two(self, xy_px: F64) -> npt.NDArray[np.bool_]:
+        """Whether the light of two pixels that a position is between may be of two sources, (n,)."""
+        if self._psf.fwhm_px >= LEAST_APART_PX:
+            return np.zeros(len(xy_px), dtype=bool)
+        distance = np.linalg.norm(xy_px[:, None] - xy_px, axis=2)
+        is_near = np.sum(distance <= _NEAR_PX, axis=1) > 1
+        return np.asarray(is_near & (np.abs(xy_px - np.round(xy_px)).max(axis=1) > _EDGE_PX))
 
     def _averaged(self, weight: F64, light: F64) -> tuple[F64, F64]:
         """Mean and standard deviation of x, y and flux over the grid, by likelihood, (n, 3) each."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
@@ -13,6 +14,9 @@ import numpy.typing as npt
 from warpsim.errors import InputError
 
 F64 = npt.NDArray[np.float64]
+
+_ZONE = re.compile("[Zz+]|[T ].*-")
+"""Of a date with a zone: behind a time, a sign too."""
 
 
 def column(table: Any, name: str, where: str) -> npt.NDArray[Any]:
@@ -92,7 +96,7 @@ def dates(table: Any, name: str, where: str) -> npt.NDArray[np.datetime64]:
     """
     values = column(table, name, where)
     if values.dtype.kind == "U":
-        zoned = bool((np.char.endswith(values, "Z") | (np.char.count(values, "+") > 0)).any())
+        zoned = any(map(_ZONE.search, values.tolist()))
     else:
         zoned = any(getattr(value, "tzinfo", None) for value in values if values.dtype.kind == "O")
     try:

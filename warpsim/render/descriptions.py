@@ -72,6 +72,7 @@ DESCRIPTIONS = {
     "dec_sigma_deg": "its error along declination",
     "ra_dec_corr": "correlation of both errors",
     "n_merged": "targets in the clump; 0 for none",
+    "poor_fit": "one source does not explain the pixels, or two would as well: errors are those of a pixel",
     "truth_w_cm2": "irradiance that was drawn",
     "others_w_cm2": "what other targets add to the measured irradiance",
     "full_px": "full pixels that were left out",
