@@ -247,3 +247,19 @@ def test_light_grows_along_the_streak_of_a_target_that_comes_near(scene, device)
 def _free(name, position_m, velocity_m_s):
     orbit = {"kind": "state_vector", "position_m": position_m, "velocity_m_s": velocity_m_s, "gravity": "two_body"}
     return {"name": name, "orbit": orbit}
+
+
+@pytest.mark.ci
+def test_instants_are_chosen_by_short_slews_too():
+    """A long scene follows sources as finely as a short one whose every frame is looked at; without the slew less."""
+    slew = {"max_rate_deg_s": 5.0, "max_acceleration_deg_s2": 40.0, "settle_s": 0.1}
+    main, other = {"start_s": 0.0, "track": "main"}, {"start_s": 650.01, "track": "main", "offset_px": [30, -5]}
+
+    def n_path(start_s, count, *steps):
+        frames = {"count": count, "interval_s": 0.1, "start_s": start_s}
+        pointing = {"kind": "schedule", "steps": [main, *steps], "slew": slew}
+        scene = ws.Scene.load("stss").replace(frames=frames, pointing=pointing, sky__catalog="none", bands=["A"])
+        renderer = ws.Renderer(scene.replace(detector__exposure_s=0.1), device="cpu")
+        return renderer.streaks(renderer.scenario.instrument, ["A"]).n_path
+
+    assert n_path(600.0, 997, other) == n_path(649.0, 23, other) > n_path(600.0, 997)

@@ -170,15 +170,15 @@ NODE_COUNTS = (3, 5, 9, 17, 33, 65)
 PATH_ERROR_PX = 1e-3
 """Largest distance of a source from its path at any time of the exposure."""
 
-_MOST_FRAMES, _MOST_SENSORS = 24, 12
+_MOST_FRAMES, _MOST_SENSORS, _MOST_BREAK_VIEWS = 24, 12, 288
 _INSTANTS = np.linspace(-1.0, 1.0, 65)
 
 
 def choose_streaks(duration_s: float, scene: DeviceBodies) -> Streaks:
     """Return the fewest instants that keep positions within PATH_ERROR_PX, else 33, on targets and on a still sky.
 
-    A rule is judged by the next finer one, on frames and sensors spread over the scene: with their own axes, so that
-    whatever turns the camera counts, its jitter too.
+    A rule is judged by the next finer one, on frames and sensors spread over the scene, and on frames at the steps and
+    slews of the cameras: with their own axes, so that whatever turns the camera counts, its jitter too.
     """
     instrument, sensor_kind = scene.instrument, scene.instrument.sensor
     camera, span_s = sensor_kind.camera, sensor_kind.window_s
@@ -197,14 +197,28 @@ def choose_streaks(duration_s: float, scene: DeviceBodies) -> Streaks:
 
 def _sample(instrument: Instrument, duration_s: float) -> tuple[F64, npt.NDArray[np.uint32]]:
     """Times and sensors of the views to measure on, (n_view,) each."""
+    spread_s = instrument.frame_time_s(_spread(instrument.frames.count, _MOST_FRAMES))
+    sensors = _spread(len(instrument.names), _MOST_SENSORS)
+    at_breaks = [(number, sensor) for sensor in sensors for number in _break_frames(instrument, int(sensor))]
+    chosen = np.array(at_breaks, dtype=np.int64).reshape(-1, 2)[_spread(len(at_breaks), _MOST_BREAK_VIEWS)]
+    time_s = np.concatenate([np.repeat(spread_s, len(sensors)), instrument.frame_time_s(chosen[:, 0])])
+    sensor = np.concatenate([np.tile(sensors, len(spread_s)), chosen[:, 1]]).astype(np.uint32)
+    return time_s[time_s <= duration_s], sensor[time_s <= duration_s]
 
-    def spread(count: int, most: int) -> npt.NDArray[np.int64]:
-        return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
 
-    time_s = instrument.frame_time_s(spread(instrument.frames.count, _MOST_FRAMES))
-    time_s = time_s[time_s <= duration_s]
-    sensors = spread(len(instrument.names), _MOST_SENSORS).astype(np.uint32)
-    return np.repeat(time_s, len(sensors)), np.tile(sensors, len(time_s))
+def _spread(count: int, most: int) -> npt.NDArray[np.int64]:
+    """Some of so many numbers from 0 on."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
+
+
+def _break_frames(instrument: Instrument, sensor: int) -> list[int]:
+    """The frames before and after each time at which a camera jumps or turns at another rate, and each time between."""
+    frames, steps = instrument.frames, instrument.program.sensors[sensor].steps
+    ends_s = [step.start_s + turn.duration_s for step, turn in zip(steps, instrument.turns(sensor), strict=True)]
+    breaks_s = np.unique([*instrument.program.breaks_s(sensor), *(end_s for end_s in ends_s if np.isfinite(end_s))])
+    number = (np.concatenate([breaks_s, 0.5 * (breaks_s[1:] + breaks_s[:-1])]) - frames.start_s) / frames.interval_s
+    near = np.unique([np.floor(number), np.ceil(number)])
+    return [int(one) for one in near if 0 <= one < frames.count]
 
 
 def _paths_px(camera: Camera, scene: DeviceBodies, rule: Streaks, time_s: F64, sensor: npt.NDArray[np.uint32]) -> F64:
