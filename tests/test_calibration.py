@@ -104,6 +104,7 @@ def test_frames_have_noise_of_their_own():
     assert len(set(FIRST_FRAME.values())) == 3 and min(FIRST_FRAME.values()) >= 2**31
 
 
+@pytest.mark.ci
 def test_files(tmp_path, capsys):
     scene = scene_of(ELECTRONS)
     scene.save(tmp_path / "s.toml")

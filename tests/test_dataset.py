@@ -259,6 +259,7 @@ def test_sequences_of_changed_files_are_not_rebuilt(folders, tmp_path, monkeypat
         ws.rebuild_sequence(tmp_path / "data", 0)
 
 
+@pytest.mark.ci
 def test_sequences_are_told_with_what_was_drawn(folders):
     made = recipe()
     for name in FORMATS:

@@ -463,6 +463,7 @@ def test_a_repair_that_is_killed_goes_on(recipe, whole, zarr_recipe, zarr_whole,
     assert content(folder) == content(complete)
 
 
+@pytest.mark.ci
 def test_a_run_killed_in_its_last_moment_is_tidied_up(recipe, whole, tmp_path, monkeypatch):
     folder = tmp_path / "data"
     shutil.copytree(whole, folder)

@@ -164,6 +164,7 @@ def test_directions_are_those_of_erfa_and_astropy(frames):
         np.testing.assert_allclose(xy, np.c_[rows["x_px"], rows["y_px"]], atol=1e-6)
 
 
+@pytest.mark.ci
 def test_states_of_sensors_are_those_of_their_times():
     scene = small_scene(detector__line_time_s=0.02, detector__exposure_s=0.01)
     frames = ws.Renderer(scene).render(range(100, 110), sensors=["sat11"])

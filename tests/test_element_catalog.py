@@ -182,6 +182,7 @@ def test_messages_of_broken_layout_are_left_out():
         assert satellites.left_out, name
 
 
+@pytest.mark.ci
 def test_check_and_manifest_list_what_is_left_out(tmp_path, capsys):
     lines, bad = catalog(20, every=10)
     (tmp_path / "few.tle").write_text("\n".join(lines))

@@ -115,6 +115,7 @@ def test_all_formats_of_images_give_the_same_bytes(sets, layout):
 # --- COCO ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ci
 def test_mmdetection_drops_no_box(sets):
     """Its rule: w >= 1, h >= 1, area > 0, and inside the image in part."""
     n_cut = 0
