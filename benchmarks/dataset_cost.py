@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import os
 import statistics
 import tempfile
@@ -24,6 +23,7 @@ from typing import Any
 import warp as wp
 
 import warpsim as ws
+from benchmarks.programs import write_or_print
 from warpsim.dataset.layout import draw_sequence
 
 ROUNDS, FEW, MANY, N_FRAME = 5, 2, 8, 257
@@ -90,11 +90,7 @@ def main() -> None:
         "cpu": next((line.split(":")[1].strip() for line in lines if "model name" in line), ""),
         "by_what_is_drawn": {name: costs(given) for name, given in CASES.items()},
     }
-    text = json.dumps(found, indent=1) + "\n"
-    if options.json:
-        options.json.write_text(text)
-    else:
-        print(text)
+    write_or_print(found, options.json)
 
 
 if __name__ == "__main__":

@@ -8,13 +8,13 @@ Images of 100 stars in band A with each, by turns with a detector without them, 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 from pathlib import Path
 from typing import Any
 
 import warpsim as ws
 from benchmarks.background_cost import us_an_image
+from benchmarks.programs import write_or_print
 from warpsim.detector.artifacts import hit_area
 from warpsim.speed.work import speed_work
 
@@ -51,11 +51,7 @@ def main() -> None:
         work = speed_work(n_pixel, 100, 1, "gaussian")
         scenes = {name: work.scene.replace(**change) for name, change in changes(n_pixel).items()}
         found["us_an_image"][str(n_pixel)] = us_an_image(work, scenes)
-    text = json.dumps(found, indent=1) + "\n"
-    if options.json:
-        options.json.write_text(text)
-    else:
-        print(text)
+    write_or_print(found, options.json)
 
 
 if __name__ == "__main__":

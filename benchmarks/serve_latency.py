@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 import warpsim as ws
+from benchmarks.programs import write_or_print
 from warpsim.serving.packet import HEADER
 from warpsim.speed.work import BAND, speed_work
 
@@ -121,11 +122,7 @@ def main() -> None:
             for over in ("zmq", "ring")
         },
     }
-    text = json.dumps(found, indent=1) + "\n"
-    if options.json:
-        options.json.write_text(text)
-    else:
-        print(text)
+    write_or_print(found, options.json)
 
 
 if __name__ == "__main__":

@@ -110,10 +110,10 @@ def _path(scenario: Scenario, crossing: Crossing, sensors: Sequence[str], time_s
     instrument = scenario.instrument_of(sensor)
     camera = instrument.sensor.camera
     xy_px = (EDGE + (1.0 - 2.0 * EDGE) * u[2:4]) * [camera.n_col, camera.n_row] - 0.5
-    (sight,) = camera.direction(xy_px[None], scenario.view_axes(sensor, [at_s])[0])
+    (direction,) = camera.direction(xy_px[None], scenario.view_axes(sensor, [at_s])[0])
     own_m = instrument.state(sensor, np.array([at_s]))[0].reshape(3)
     near_km, far_km = crossing.range_km
-    position_m = own_m + 1e3 * near_km * (far_km / near_km) ** u[4] * sight
+    position_m = own_m + 1e3 * near_km * (far_km / near_km) ** u[4] * direction
     radius_m = float(np.linalg.norm(position_m))
     in_sight = earth_clearance_m(own_m, position_m, scenario.tracks.pole_icrs) > 0.0
     if radius_m < EARTH_EQUATORIAL_RADIUS_M + LOWEST_M or not in_sight:

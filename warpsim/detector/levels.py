@@ -133,6 +133,18 @@ def electron_levels(detector: ElectronDetector, optics: Optics, camera: Camera, 
     )
 
 
+def noise_variance(detector: NeiDetector | ElectronDetector, levels: Levels) -> tuple[float, float]:
+    """Return the variance of a pixel's noise on blank sky, and what it grows by over the light in the pixel.
+
+    Returns:
+        Variance, rounding to counts included [W2/cm4]; the irradiance of one electron, 0 without shot noise [W/cm2].
+    """
+    if isinstance(detector, ElectronDetector) and isinstance(levels, ElectronLevels):
+        return levels.nei_w_cm2**2, 1.0 / levels.e_per_w_cm2 if detector.shot_noise else 0.0
+    # Of electrons the converter's steps are part of the NEI.
+    return levels.nei_w_cm2**2 * (1.0 + 1.0 / (12.0 * levels.counts_per_nei**2)), 0.0
+
+
 def _given(detector: NeiDetector | ElectronDetector, name: str, band: Band) -> float:
     given: float | Mapping[str, float] = getattr(detector, name)
     value = in_band(given, band.name)

@@ -54,21 +54,21 @@ def read_sp3(source: SourceFile) -> list[EphemerisSegment]:
             continue
         values = 1e3 * np.array([cells[:3] for _, _, cells in own])
         moving = all(len(cells) == 6 and any(cells[3:]) for _, _, cells in own)
-        places = [line for _, line, _ in own]
+        line_numbers = [line for _, line, _ in own]
         segments.append(
             EphemerisSegment(
                 object_name=name,
                 object_id="",
                 frame="ITRF",
-                instants=dates_of(source, [date for date, _, _ in own], places, system),
+                instants=dates_of(source, [date for date, _, _ in own], line_numbers, system),
                 position_m=values,
                 velocity_m_s=1e3 * np.array([cells[3:] for _, _, cells in own]) if moving else None,
                 interpolation="hermite" if moving else "lagrange",
                 degree=9,
                 time_system=system,
                 file=source.file,
-                line=places[0],
-                lines=np.array(places, np.int64),
+                line=line_numbers[0],
+                lines=np.array(line_numbers, np.int64),
             )
         )
     if not segments:

@@ -1,4 +1,4 @@
-"""Detections measured in images: sources that stand out, fitted, and told by the truth."""
+"""Detections measured in images: sources that stand out, fitted, and matched with the truth."""
 
 from __future__ import annotations
 

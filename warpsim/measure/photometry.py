@@ -40,7 +40,7 @@ def photometry(
     Light is the sum of a p over that of a f: p the pixels less the background, f the part of the target's light that
     each holds, as it is drawn, streaks included. With "psf" a = f / variance, which has the least error; with
     "aperture" a is 1 within a radius. Positions are those of the truth; what `detections` finds has positions and light
-    of its own. Stars are not told from the target.
+    of its own. Light of stars is not distinguished from the target's.
 
     Columns: frame, time_s, sensor, band, target, x_px, y_px, irradiance_w_cm2 and irradiance_sigma_w_cm2 as measured,
     snr, their ratio; truth_w_cm2, what was drawn; others_w_cm2, what other targets add to the measured light; blended,

@@ -147,8 +147,8 @@ def _named(records: Iterable[ElementRecord], of_source: OfSource, skips: bool) -
     """Objects with all their records, with names made unique, and those for which there is no unique name."""
     grouped: dict[Any, list[ElementRecord]] = {}
     for item in records:
-        place = "" if item.name else item.location
-        key = item.norad_id if item.norad_id is not None else (item.name, item.designator, place)
+        location = "" if item.name else item.location
+        key = item.norad_id if item.norad_id is not None else (item.name, item.designator, location)
         grouped.setdefault(key, []).append(item)
     first = [group[0] for group in grouped.values()]
     # Names that can be a file's, of the catalog number where there is no other.

@@ -170,7 +170,7 @@ class FrameSet:
         Raises:
             InputError: The image was not rendered, or a value is out of range.
         """
-        return self.view_geometry("line_of_sight", frame, sensor).line_of_sight(xy_px, range_m, axes)
+        return self._view_geometry("line_of_sight", frame, sensor).line_of_sight(xy_px, range_m, axes)
 
     def project(
         self, frame: int, sensor: str, position_m: npt.ArrayLike
@@ -189,9 +189,9 @@ class FrameSet:
         Raises:
             InputError: The image was not rendered, or a position is not finite.
         """
-        return self.view_geometry("project", frame, sensor).project(position_m)
+        return self._view_geometry("project", frame, sensor).project(position_m)
 
-    def view_geometry(self, what: str, frame: int, sensor: str) -> ViewGeometry:
+    def _view_geometry(self, what: str, frame: int, sensor: str) -> ViewGeometry:
         """Camera and state of the sensor of an image; InputError, as of `what`, if it was not rendered."""
         view, _ = self.image_numbers(what, frame, sensor, self.bands[0])
         time_s, axes = float(self.time_s[self.frames.index(frame)]), np.asarray(self._host.views[view]["axes"])

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.detector.detectors import ElectronDetector
-from warpsim.detector.levels import ElectronLevels
+from warpsim.detector.levels import noise_variance
 from warpsim.render.frameset import FrameSet
 
 F64 = npt.NDArray[np.float64]
@@ -41,12 +41,9 @@ def irradiance_image(frames: FrameSet, frame: int, sensor: str, band: str, what:
     detector, levels = instrument.sensor.detector, instrument.levels[band]
     counts = frames.counts[frames.frames.index(frame)][frames.sensors.index(sensor), number].astype(np.float64)
     light = (counts - levels.blank_counts) / levels.counts_per_nei * levels.nei_w_cm2
-    variance, shot_w_cm2, full_nei = levels.nei_w_cm2**2, 0.0, levels.sei_w_cm2 / levels.nei_w_cm2
-    if isinstance(detector, ElectronDetector) and isinstance(levels, ElectronLevels):
+    variance, shot_w_cm2 = noise_variance(detector, levels)
+    full_nei = levels.sei_w_cm2 / levels.nei_w_cm2
+    if isinstance(detector, ElectronDetector):
         full_nei -= _FULL_SIGMA  # read noise lies on top of a full well
-        if detector.shot_noise:
-            shot_w_cm2 = 1.0 / levels.e_per_w_cm2
-    else:  # of electrons the converter's steps are part of the NEI
-        variance += (levels.nei_w_cm2 / levels.counts_per_nei) ** 2 / 12.0
     most = min(2.0**detector.bits - 1.0, levels.blank_counts + levels.counts_per_nei * full_nei)
     return IrradianceImage(light, np.asarray(variance), shot_w_cm2, counts >= np.floor(most))

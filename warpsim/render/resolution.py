@@ -12,8 +12,7 @@ from warpsim_kernels.records import BEHIND
 from warpsim_kernels.resolution import PixelNoise, TargetImages, find_clumps_kernel
 from warpsim_kernels.streaks import Paths
 
-from warpsim.detector.detectors import ElectronDetector
-from warpsim.detector.levels import ElectronLevels
+from warpsim.detector.levels import ElectronLevels, noise_variance
 from warpsim.launches import Launch, to_numpy
 from warpsim.optics.enclosed import box_half_width_px
 from warpsim.optics.psf_bank import paths_struct
@@ -111,15 +110,10 @@ def _target_images(scene: DeviceScene, seen: HostColumns, irradiance_w_cm2: npt.
 def _pixel_noise(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> Any:
     """The kernels' PixelNoise; rounding to counts included."""
     variance, shot, sei = [], [], []
-    detector = instrument.sensor.detector
     for band in bands:
-        levels, per_light, rounding = instrument.levels[band], 0.0, 0.0
-        if isinstance(levels, ElectronLevels) and isinstance(detector, ElectronDetector):
-            per_light = 1.0 / levels.e_per_w_cm2 if detector.shot_noise else 0.0
-        else:  # of electrons it is in the NEI
-            rounding = 1.0 / (12.0 * levels.counts_per_nei**2)
+        blank, per_light = noise_variance(instrument.sensor.detector, instrument.levels[band])
+        variance.append(blank)
         shot.append(per_light)
-        variance.append(levels.nei_w_cm2**2 * (1.0 + rounding))
         sei.append(full_w_cm2(instrument, band))
     noise: Any = PixelNoise()
     noise.variance_w2_cm4, noise.shot_w_cm2, noise.sei_w_cm2 = (

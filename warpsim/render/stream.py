@@ -145,7 +145,7 @@ class Stream:
         self._next = self._lap = 0  # index of the frame to be rendered next, and passes through the frames before it
         self.latest = Handed(-1, math.nan, False)
         """The frame handed over last."""
-        self._commanded = 0  # place among the frames of the latest command: the next one comes no earlier
+        self._commanded = 0  # index among the frames of the latest command: the next one comes no earlier
         self._changed = threading.Condition()  # guards all below, and the ring
         self._closed = self._finished = False
         self._error: BaseException | None = None

@@ -90,8 +90,8 @@ def dense_rows(time_s: F64, quaternion: F64, rate_rad_s: F64) -> tuple[F64, F64]
     if len(time_s) < 2:
         return time_s, quaternion
     whole, first, last = _cubics(time_s, quaternion, rate_rad_s)
-    bends = np.stack([6.0 * whole - 4.0 * first - 2.0 * last, 2.0 * first + 4.0 * last - 6.0 * whole])
-    bend = np.linalg.norm(bends, axis=-1).max(axis=0) + 0.5 * np.linalg.norm(np.cross(whole, last - first), axis=-1)
+    curvature = np.stack([6.0 * whole - 4.0 * first - 2.0 * last, 2.0 * first + 4.0 * last - 6.0 * whole])
+    bend = np.linalg.norm(curvature, axis=-1).max(axis=0) + 0.5 * np.linalg.norm(np.cross(whole, last - first), axis=-1)
     pieces = np.sqrt(bend / (8.0 * SLERP_ERROR_RAD))
     pieces *= min(1.0, MOST_ROWS / max(float(pieces.sum()), 1.0))
     turned = np.linalg.norm(whole, axis=-1)  # slerp goes the short way
