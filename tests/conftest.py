@@ -10,12 +10,15 @@ from pathlib import Path
 import accuracy_records
 import pytest
 import warp as wp
+from hypothesis import settings
 
 import warpsim as ws
 
 ROOT = Path(__file__).parents[1]
 
 wp.config.log_level = wp.LOG_ERROR
+settings.register_profile("repeatable", derandomize=True)  # `python -m tests.fuzz` looks for new cases
+settings.load_profile("repeatable")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warpsim.errors import InputError
+from warpsim.exchange.element_set import plain_designator
 from warpsim.exchange.elements_files import parse_element_sets, read_element_sets
 
 ISS = (
@@ -326,6 +327,11 @@ def test_random_damage_is_an_error_of_one_line_or_a_valid_result(layout, seed):
         assert 0 <= rec.ecco < 1 and 0 <= rec.inclo <= math.pi and 0 < rec.no_kozai < 0.08
         assert all(map(math.isfinite, (rec.nodeo, rec.argpo, rec.mo, rec.bstar, *item.epoch_jd_utc)))
         assert 2435839 < sum(item.epoch_jd_utc) < 2488435  # 1957 to 2101
+
+
+def test_designators_of_other_digits_are_taken_as_they_stand():
+    assert plain_designator(" 98067A ") == "1998-067A"
+    assert plain_designator("9²067A") == "9²067A"  # a digit to Python, not to int()
 
 
 @settings(max_examples=200, deadline=None)

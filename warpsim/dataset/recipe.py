@@ -108,14 +108,14 @@ def choices_with_files(distributions: Mapping[str, Any]) -> Iterator[tuple[str, 
 def _absolute(name: str, value: Any, folder: Path) -> Any:
     nested: Any = with_absolute_paths(_nested(name, value), folder)
     for part in name.split("."):
-        nested = nested[0 if part.isdigit() else part]
+        nested = nested[0 if part.isdecimal() else part]
     return nested
 
 
 def _nested(name: str, value: Any) -> dict[str, Any]:
     """A value in tables and lists by the parts of its name."""
     for part in reversed(name.split(".")):
-        value = [value] if part.isdigit() else {part: value}
+        value = [value] if part.isdecimal() else {part: value}
     nested: dict[str, Any] = value
     return nested
 

@@ -179,7 +179,7 @@ def _read_attitude_rows(source: SourceFile, segment: _MessageSegment, lines: Lin
 
 
 def _add_row(source: SourceFile, segment: _MessageSegment, number: int, line: str) -> None:
-    if not line[0].isdigit() or "=" in line:
+    if not line[0].isdecimal() or "=" in line:
         raise source.error(number, "must be a date and numbers", value=line[:40])
     segment.rows.add(number, line.split())
 

@@ -103,7 +103,7 @@ def tidy_name(text: str) -> str:
 def plain_designator(text: str) -> str:
     """`98067A` of element sets as `1998-067A`; anything else without its outer blanks."""
     text = text.strip()
-    if len(text) >= 6 and text[:5].isdigit() and text[5:].isalpha():
+    if len(text) >= 6 and text.isascii() and text[:5].isdigit() and text[5:].isalpha():
         return f"{'19' if int(text[:2]) >= 57 else '20'}{text[:2]}-{text[2:]}"
     return text
 

@@ -92,7 +92,7 @@ def changed(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
             part = _inner(part, parent, path)
             if not isinstance(part, dict | list):
                 raise InputError(f"is not a field of a part{nearest_field(parent)}", path)
-        if isinstance(part, list) and not leaf.isdigit() and len(part) == 1 and isinstance(part[0], dict):
+        if isinstance(part, list) and not leaf.isdecimal() and len(part) == 1 and isinstance(part[0], dict):
             part = part[0]
         if isinstance(part, list):
             part[_index(part, leaf, path)] = value
@@ -103,7 +103,7 @@ def changed(data: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
 
 def _inner(part: Any, name: str, path: str) -> Any:
     """Part that a name leads to."""
-    if isinstance(part, list) and not name.isdigit() and len(part) == 1:
+    if isinstance(part, list) and not name.isdecimal() and len(part) == 1:
         part = part[0]
     if isinstance(part, list):
         return part[_index(part, name, path)]
@@ -111,7 +111,7 @@ def _inner(part: Any, name: str, path: str) -> Any:
 
 
 def _index(items: list[Any], number: str, path: str) -> int:
-    if not (number.isdigit() and int(number) < len(items)):
+    if not (number.isdecimal() and int(number) < len(items)):
         which = f"0 to {len(items) - 1}" if items else "none of an empty list"
         raise InputError(f"must name an item by its number, {which}, got {number}", path)
     return int(number)
