@@ -325,7 +325,7 @@ def test_malformed_orbit_files(orbits, text, message):
         (AEM_XML.replace("<Q2>0.0</Q2>", "", 1), "line 10: XML: must have <Q2>"),
         (STK_A.replace("Points 2", "Points 3"), "line 3: NumberOfAttitudePoints: must be the number of rows, 2, got 3"),
         (STK_A.replace("ICRF", "VVLH"), "line 8: CoordinateAxes: must be one of ICRF, J2000, Fixed"),
-        (STK_A.replace("QuatAngVels", "DCM"), "line 9: AttitudeTimeDCM: must be one of AttitudeTimeQu"),
+        (STK_A.replace("QuatAngVels", "AngVels"), "line 9: AttitudeTimeAngVels: must be one of AttitudeTimeQu"),
         (CSV_ATTITUDE.replace("qw", "q4"), "must have the column qw, got time_s, qx, qy, qz, q4"),
         (CSV_ATTITUDE.replace("0.8", "0.9"), "line 2: quaternion: must have norm 1, got 1.08167"),
         (CSV, "must have columns of attitude (qx, qy, qz, qw), got name, time_utc"),

@@ -59,7 +59,7 @@ LARGEST_DEGREE = 27
 _LARGEST_M = 1e12
 """Farther positions are taken for mistakes of unit."""
 
-_NORM_SLACK = 1e-3
+NORM_SLACK = 1e-3
 """How far the norm of a quaternion may be from 1."""
 
 
@@ -204,7 +204,7 @@ class AttitudeSegment:
             _check_array("rate_rad_s", self.rate_rad_s, (len(self.instants), 3), self)
         with np.errstate(over="ignore", under="ignore"):  # infinity and 0 are no norm of 1 either
             norm = np.linalg.norm(self.quaternion, axis=1)
-        bad = np.abs(norm - 1.0) > _NORM_SLACK
+        bad = np.abs(norm - 1.0) > NORM_SLACK
         if bad.any():
             row = int(np.argmax(bad))
             raise _located(InputError("must have norm 1", "quaternion", norm[row], ".6g"), self, row)

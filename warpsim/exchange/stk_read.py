@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.exchange.geodetic import geodetic_to_itrf_m, great_arcs
 from warpsim.exchange.instants import FileInstants, later
-from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, Interpolation, known_stk_frame
+from warpsim.exchange.segments import (
+    NORM_SLACK,
+    AttitudeSegment,
+    EphemerisSegment,
+    Frame,
+    Interpolation,
+    known_stk_frame,
+)
 from warpsim.exchange.source import (
     Rows,
     SourceFile,
@@ -36,11 +43,13 @@ _COMMON = ("ScenarioEpoch", "CentralBody", "InterpolationMethod", "Interpolation
            "BlockingFactor", "TimeFormat", "MessageLevel")  # fmt: skip
 _EPHEMERIS_KEYWORDS = (*_COMMON, "NumberOfEphemerisPoints", "CoordinateSystem", "CoordinateSystemEpoch",
                        "DistanceUnit", "EphemerisName", "NumberOfCovariancePoints", "CovarianceFormat")  # fmt: skip
-_ATTITUDE_KEYWORDS = (*_COMMON, "NumberOfAttitudePoints", "CoordinateAxes", "CoordinateAxesEpoch", "Sequence")
+_ATTITUDE_KEYWORDS = (*_COMMON, "NumberOfAttitudePoints", "CoordinateAxes", "CoordinateAxesEpoch", "Sequence",
+                      "AttitudeDeviations")  # fmt: skip
 _EPHEMERIS_DATA = {"EphemerisTimePos": 4, "EphemerisTimePosVel": 7, "EphemerisTimePosVelAcc": 10,
                    "EphemerisLLATimePos": 4, "EphemerisLLATimePosVel": 7}  # fmt: skip
 _ATTITUDE_DATA = {"AttitudeTimeQuaternions": 5, "AttitudeTimeQuatScalarFirst": 5, "AttitudeTimeQuatAngVels": 8,
-                  "AttitudeTimeEulerAngles": 4}  # fmt: skip
+                  "AttitudeTimeEulerAngles": 4, "AttitudeTimeYPRAngles": 4, "AttitudeTimeDCM": 10,
+                  "AttitudeTimeDCMAngVels": 13}  # fmt: skip
 
 _SAME_S = 1e-6
 """Times closer than this are the same where a boundary is looked for."""
@@ -130,7 +139,6 @@ def read_stk_attitude(source: SourceFile) -> list[AttitudeSegment]:
     block = _read_block(source, "Attitude", _ATTITUDE_KEYWORDS, _ATTITUDE_DATA)
     frame, epoch = _frame_and_epoch(source, block, "CoordinateAxes")
     values = _checked_values(source, block, _ATTITUDE_DATA[block.data], "NumberOfAttitudePoints")
-    order = [2, 3, 4, 1] if block.data == "AttitudeTimeQuatScalarFirst" else [1, 2, 3, 4]
     return [
         AttitudeSegment(
             object_name=Path(source.file).stem,
@@ -138,9 +146,8 @@ def read_stk_attitude(source: SourceFile) -> list[AttitudeSegment]:
             frame=frame,
             body_frame="body",
             instants=later(epoch, values[:, 0]),
-            # STK's quaternion of the reference axes to the body's is the turn that carries the former to the latter.
-            quaternion=values[:, order] if values.shape[1] > 4 else _from_euler_angles(source, block, values[:, 1:4]),
-            rate_rad_s=np.radians(values[:, 5:8]) if values.shape[1] == 8 else None,  # of the body, in its axes
+            quaternion=_quaternions(source, block, values),
+            rate_rad_s=np.radians(values[:, -3:]) if block.data.endswith("AngVels") else None,  # in its axes
             file=source.file,
             line=block.line,
             lines=np.array(block.rows.lines, np.int64),
@@ -148,15 +155,28 @@ def read_stk_attitude(source: SourceFile) -> list[AttitudeSegment]:
     ]
 
 
-def _from_euler_angles(source: SourceFile, block: _Block, angle_deg: F64) -> F64:
-    """Quaternions of turns about the axes of `Sequence`, one after the other, each about the axes as turned so far."""
+def _quaternions(source: SourceFile, block: _Block, values: F64) -> F64:
+    """Quaternions, scalar last, of the turns that carry the reference axes to the body's."""
     from scipy.spatial.transform import Rotation
 
-    text, line = block.value("Sequence", "313")
-    if not re.fullmatch(r"(?!(.)\1)(?!.(.)\2)[123]{3}", text):
-        raise source.error(line, "must be three axes like 313 or 321", "Sequence", text[:20])
-    turned = Rotation.from_euler(text.translate(str.maketrans("123", "XYZ")), angle_deg, degrees=True)
-    return np.asarray(turned.as_quat(), np.float64)
+    if "Quat" in block.data:
+        return values[:, [2, 3, 4, 1] if block.data == "AttitudeTimeQuatScalarFirst" else [1, 2, 3, 4]]
+    if "DCM" in block.data:
+        rows = values[:, 1:10].reshape(-1, 3, 3)  # the body's axes
+        with np.errstate(over="ignore", invalid="ignore"):
+            off = np.abs(rows @ np.swapaxes(rows, 1, 2) - np.eye(3)).max(axis=(1, 2))
+            good = (off <= NORM_SLACK) & (np.linalg.det(rows) > 0)
+        if not good.all():
+            raise source.error(block.rows.lines[int(np.argmin(good))], "must be the matrix of a rotation", block.data)
+        return np.asarray(Rotation.from_matrix(np.swapaxes(rows, 1, 2)).as_quat(), np.float64)
+    about_body = block.data == "AttitudeTimeEulerAngles"  # the axes as turned so far; otherwise those of the reference
+    text, line = block.value("Sequence", "313" if about_body else "321")
+    if not re.fullmatch(r"(?!(.)\1)(?!.(.)\2)[123]{3}" if about_body else r"(?!.*(.).*\1)[123]{3}", text):
+        raise source.error(line, f"must be three axes like {'313 or ' if about_body else ''}321", "Sequence", text[:20])
+    # Yaw, pitch and roll, about axes 3, 2 and 1, stand in this order whatever the sequence.
+    angles = values[:, 1:4] if about_body else values[:, [4 - int(axis) for axis in text]]
+    axes = text.translate(str.maketrans("123", "XYZ" if about_body else "xyz"))
+    return np.asarray(Rotation.from_euler(axes, angles, degrees=True).as_quat(), np.float64)
 
 
 def _read_block(source: SourceFile, name: str, keywords: tuple[str, ...], data: dict[str, int]) -> _Block:
