@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import resource
 import subprocess
 import sys
@@ -224,6 +225,55 @@ def test_large_catalogs_take_little_memory(tmp_path, n):
     n_good, n_bad, error_m = done.stdout.split()[-3:]
     assert (int(n_good), int(n_bad)) == (n - len(bad), len(bad)) and float(error_m) < 1e-3
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024 < MOST_MB
+
+
+def diving(below_m):
+    """Lines of a satellite that is below SGP4's ground by so much in perigee, and seconds at which it is, by sgp4."""
+    time_s = np.arange(150.0, 260.0, 0.01)
+    eccentricity = 2_086_000
+    while True:
+        lines = ["DIVING", *(checksummed(line) for line in (
+            "1 00077U 25001A   25079.50000000  .00000000  00000-0  00000-0 0  999",
+            f"2 00077  50.0000 100.0000 {eccentricity:07d}   0.0000 350.0000 12.00000000    1",
+        ))]  # fmt: skip
+        satrec = Satrec.twoline2rv(*lines[1:])
+        code, r, _ = satrec.sgp4_array(np.full_like(time_s, satrec.jdsatepoch), satrec.jdsatepochF + time_s / 86400.0)
+        above_m = 1e3 * (np.linalg.norm(r, axis=1).min() - satrec.radiusearthkm) + below_m
+        if above_m <= 0.0:
+            return lines, time_s[code != 0]
+        eccentricity += max(1, int(above_m))  # 0.8 m each
+
+
+@pytest.mark.parametrize("below_m", [0.5, 100.0])
+def test_dives_between_two_looks_are_found(below_m):
+    """A perigee that is without a state for seconds, within a minute at whose ends there are states."""
+    lines, gone_s = diving(below_m)
+    assert 180.0 < gone_s.min() < gone_s.max() < 240.0 and np.ptp(gone_s) < 25.0
+    both = [*lines, *low_orbit(1, np.random.default_rng(2))]
+    satellites = ws.TleSatellites(lines=both)
+    satellites.states(utc_time(EPOCH), 60.0 * np.arange(11))  # every minute has one
+    rest, (one,) = satellites.within(utc_time(EPOCH), 0.0, 600.0)
+    assert rest.names == ["SAT_1"] and (one.name, one.norad_id, one.location) == ("DIVING", 77, "line 2")
+    found_s = float(re.search(r"\(([\d.]+) s\): SGP4: mrt is less than 1\.0", one.reason)[1])
+    assert gone_s.min() - 0.1 <= found_s <= gone_s.max() + 0.1
+    assert ws.TleSatellites(lines=both, skip=False).within(utc_time(EPOCH), 0.0, 600.0)[0].names == satellites.names
+
+
+def test_low_perigees_above_the_ground_are_kept():
+    lines, _ = diving(-2.0)  # a metre or two above it
+    both = ws.TleSatellites(lines=[*lines, *low_orbit(1, np.random.default_rng(2))])
+    assert both.within(utc_time(EPOCH), 0.0, 600.0) == (both, [])
+    assert both.within(utc_time(EPOCH), 250.0, 400.0) == (both, [])  # rises throughout, below 6,400 km at first
+
+
+def test_scenes_do_without_what_dives_between_two_looks(tmp_path):
+    path = tmp_path / "two.tle"
+    path.write_text("\n".join([*diving(100.0)[0], *low_orbit(1, np.random.default_rng(2))]))
+    scenario = by_catalog(path).scenario
+    assert scenario.satellite_names == ["SAT_1"] and list(scenario.left_out["name"]) == ["DIVING"]
+    assert [track.name for track in scenario.tracks.satellites] == ["SAT_1"]
+    with pytest.raises(ws.InputError, match="constellation: DIVING: no state at 2025-03-20T12:03:"):
+        _ = by_catalog(path, skip=False).scenario.tracks
 
 
 def test_scenes_with_decayed_satellites_and_targets_are_rendered(tmp_path):

@@ -55,6 +55,11 @@ NEAREST_KM, FARTHEST_KM = 6000.0, 1e6
 _TT_MINUS_TAI_S = 32.184
 _LOOK_S = 60.0
 """Step at which satellites are looked at for being lost."""
+_LOW_KM = 6400.0
+"""Distance from the Earth's centre below which perigees are looked at, too. SGP4 has no state below 6,378.1 km; half a
+step from its perigee a satellite is 4.4 km higher at most, as nothing is accelerated by more than 9.8 m/s2 there."""
+_PERIGEE_S = 1e-3
+"""How well the time of a perigee is known: 5e-6 m in height."""
 _PAIRS_PER_CHUNK = 500_000  # (time, satellite) pairs of SGP4 held at once: some 30 MB
 
 
@@ -181,7 +186,8 @@ class TleSatellites(_FromElementSets):
     def within(self, epoch: Epoch, first_s: float, last_s: float) -> tuple[TleSatellites, list[LeftOut]]:
         """Return the constellation without the satellites that have no state at some time of a span, and these.
 
-        They are looked for every minute. Where such satellites are an error it is the constellation itself.
+        They are looked for every minute, and in perigees. Where such satellites are an error it is the constellation
+        itself.
 
         Args:
             epoch: The scene's epoch.
@@ -295,7 +301,7 @@ def _record_of(satellite: Satellite, epoch: Epoch) -> tuple[int | None, str]:
 
 
 def _lost(satellites: Sequence[Satellite], epoch: Epoch, first_s: float, last_s: float) -> dict[str, str]:
-    """Satellites without a state at some time of a span, looked for every minute, and why, by name."""
+    """Satellites without a state at some time of a span, looked for every minute and in perigees, and why, by name."""
     sets = _chosen_sets(satellites, epoch)
     offset_s = _TT_MINUS_TAI_S + _tai_minus_utc_s(sets)
     times = np.linspace(first_s, last_s, max(2, int(np.ceil((last_s - first_s) / _LOOK_S)) + 1))
@@ -308,7 +314,25 @@ def _lost(satellites: Sequence[Satellite], epoch: Epoch, first_s: float, last_s:
             states = _Sgp4States(part, epoch, times, value_s)
             for row in np.flatnonzero(states.bad.any(axis=1)).tolist():
                 found[part[row][0]] = states.reason(row, int(np.argmax(states.bad[row])))
+            for row in np.flatnonzero(~states.bad.any(axis=1) & (states.radius_km.min(axis=1) < _LOW_KM)).tolist():
+                lowest = _in_perigees(part[row], epoch, times, states.falls(row), value_s)
+                if lowest.bad.any():
+                    found[part[row][0]] = lowest.reason(0, int(np.argmax(lowest.bad[0])))
     return found
+
+
+def _in_perigees(
+    member: tuple[str, ElementSet], epoch: Epoch, times: F64, falls: NDArray[np.bool_], offset_s: float
+) -> _Sgp4States:
+    """States of a satellite where it is lowest, between times at which it falls and rises; or near there, if bad."""
+    turns = np.flatnonzero(falls[:-1] & ~falls[1:])
+    low_s, high_s = times[turns], times[turns + 1]
+    while True:
+        states = _Sgp4States([member], epoch, 0.5 * (low_s + high_s), offset_s)
+        if states.bad.any() or not (high_s - low_s > _PERIGEE_S).any():
+            return states
+        low_s = np.where(states.falls(0), states.times, low_s)
+        high_s = np.where(states.falls(0), high_s, states.times)
 
 
 class _Sgp4States:
@@ -317,22 +341,26 @@ class _Sgp4States:
     def __init__(self, members: Sequence[tuple[str, ElementSet]], epoch: Epoch, times: F64, offset_s: float) -> None:
         from sgp4.api import SatrecArray
 
-        self._members, self._epoch, self._times = members, epoch, times
+        self._members, self._epoch, self.times = members, epoch, times
         whole, fraction = tt_jd(epoch, times)
         self._code, self.r, self.v = SatrecArray([item.satrec for _, item in members]).sgp4(
             np.full_like(times, whole), np.ascontiguousarray(fraction - offset_s / DAY_S)
         )
-        self._radius_km = np.linalg.norm(self.r, axis=-1)
-        self._finite = np.isfinite(self._radius_km) & np.isfinite(self.v).all(axis=-1)
-        believed = (self._radius_km >= NEAREST_KM) & (self._radius_km <= FARTHEST_KM)
+        self.radius_km = np.linalg.norm(self.r, axis=-1)
+        self._finite = np.isfinite(self.radius_km) & np.isfinite(self.v).all(axis=-1)
+        believed = (self.radius_km >= NEAREST_KM) & (self.radius_km <= FARTHEST_KM)
         self.bad = (self._code != 0) | ~self._finite | ~believed
+
+    def falls(self, row: int) -> NDArray[np.bool_]:
+        """Return whether a satellite comes closer to the Earth, at each time."""
+        return np.asarray(np.sum(self.r[row] * self.v[row], axis=-1) < 0.0)
 
     def reason(self, row: int, column: int) -> str:
         """Why a satellite has no state at a time, which it says."""
         from astropy.time import TimeDelta
         from sgp4.api import SGP4_ERRORS
 
-        code, time_s, radius_km = self._code[row, column], self._times[column], self._radius_km[row, column]
+        code, time_s, radius_km = self._code[row, column], self.times[column], self.radius_km[row, column]
         reason = SGP4_ERRORS.get(int(code), "the state is not finite")
         if code == 0 and self._finite[row, column]:
             name, item = self._members[row]
