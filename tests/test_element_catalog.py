@@ -36,6 +36,23 @@ def by_catalog(path, **more):
     )
 
 
+def diving(below_m):
+    """Lines of a satellite that is below SGP4's ground by so much in perigee, and seconds at which it is, by sgp4."""
+    time_s = np.arange(150.0, 260.0, 0.01)
+    eccentricity = 2_086_000
+    while True:
+        lines = ["DIVING", *(checksummed(line) for line in (
+            "1 00077U 25001A   25079.50000000  .00000000  00000-0  00000-0 0  999",
+            f"2 00077  50.0000 100.0000 {eccentricity:07d}   0.0000 350.0000 12.00000000    1",
+        ))]  # fmt: skip
+        satrec = Satrec.twoline2rv(*lines[1:])
+        code, r, _ = satrec.sgp4_array(np.full_like(time_s, satrec.jdsatepoch), satrec.jdsatepochF + time_s / 86400.0)
+        above_m = 1e3 * (np.linalg.norm(r, axis=1).min() - satrec.radiusearthkm) + below_m
+        if above_m <= 0.0:
+            return lines, time_s[code != 0]
+        eccentricity += max(1, int(above_m))  # 0.8 m each
+
+
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
     """A catalog of 200 satellites, every tenth of them bad."""
@@ -207,6 +224,34 @@ def test_check_and_manifest_list_what_is_left_out(tmp_path, capsys):
     assert listed[0]["reason"].startswith("checksum (column 69)")
 
 
+@pytest.mark.ci
+def test_manifests_of_data_sets_list_what_is_left_out(tmp_path):
+    """Of the recipe's scene, and of each sequence what its own epoch costs besides: the satellite dives at 12:03:24."""
+    pytest.importorskip("pyarrow")
+    lines = [
+        *diving(100.0)[0],
+        *low_orbit(1, np.random.default_rng(2)),
+        *wrong_checksum(low_orbit(5, np.random.default_rng(3))),
+    ]
+    (tmp_path / "few.tle").write_text("\n".join(lines))
+    scene = by_catalog(tmp_path / "few.tle").replace(
+        duration_s=60.0, frames={"count": 1, "interval_s": 60.0}, camera__n_row=16, camera__n_col=16,
+        pointing={"kind": "fixed", "ra_dec_deg": [0.0, 0.0]},
+    )  # fmt: skip
+    epochs = {EPOCH: [], EPOCH.replace("12:00", "12:01"): [77]}
+    recipe = ws.Recipe(scene=scene, n_sequence=6, n_frame=1, every_frame=True, bands=["A"],
+                       sample={"epoch_utc": {"choice": list(epochs)}})  # fmt: skip
+    ws.write_dataset(recipe, tmp_path / "set", n_worker=1, device="cpu")
+    manifest = json.loads((tmp_path / "set" / "manifest.json").read_text())
+    (known,) = manifest["left_out"]
+    assert (known["norad_id"], known["part"], known["location"]) == (5, "constellation", "line 8")
+    assert known["reason"].startswith("checksum (column 69)")
+    drawn = [one for shard in manifest["shards"].values() for one in shard["sequences"]]
+    assert {one["epoch_utc"] for one in drawn} == set(epochs)
+    for one in drawn:
+        assert [more["norad_id"] for more in one.get("left_out", [])] == epochs[one["epoch_utc"]]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("n", [1000, 10_000])
 def test_large_catalogs_take_little_memory(tmp_path, n):
@@ -225,23 +270,6 @@ def test_large_catalogs_take_little_memory(tmp_path, n):
     n_good, n_bad, error_m = done.stdout.split()[-3:]
     assert (int(n_good), int(n_bad)) == (n - len(bad), len(bad)) and float(error_m) < 1e-3
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024 < MOST_MB
-
-
-def diving(below_m):
-    """Lines of a satellite that is below SGP4's ground by so much in perigee, and seconds at which it is, by sgp4."""
-    time_s = np.arange(150.0, 260.0, 0.01)
-    eccentricity = 2_086_000
-    while True:
-        lines = ["DIVING", *(checksummed(line) for line in (
-            "1 00077U 25001A   25079.50000000  .00000000  00000-0  00000-0 0  999",
-            f"2 00077  50.0000 100.0000 {eccentricity:07d}   0.0000 350.0000 12.00000000    1",
-        ))]  # fmt: skip
-        satrec = Satrec.twoline2rv(*lines[1:])
-        code, r, _ = satrec.sgp4_array(np.full_like(time_s, satrec.jdsatepoch), satrec.jdsatepochF + time_s / 86400.0)
-        above_m = 1e3 * (np.linalg.norm(r, axis=1).min() - satrec.radiusearthkm) + below_m
-        if above_m <= 0.0:
-            return lines, time_s[code != 0]
-        eccentricity += max(1, int(above_m))  # 0.8 m each
 
 
 @pytest.mark.parametrize("below_m", [0.5, 100.0])

@@ -38,6 +38,7 @@ from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts, satnet_rec
 from warpsim.labels.table import label_table, write_parquet
 from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.output.joined_tables import joined_tables
+from warpsim.output.manifest import left_out_rows
 from warpsim.output.output_folder import PARTS, RUN, CheckpointRecord, OutputFolder, difference
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
@@ -295,7 +296,7 @@ def _write_files(work: _Work, task: Task, scratch: Path) -> list[dict[str, Any]]
                     write_satnet(frames, rows, scratch / folder_of(shard, number))
             tables.end_sequence(sequence)
             work.check_inputs()  # sequences read them anew
-            drawn.append(_sequence_record(sequence, shard))
+            drawn.append(_sequence_record(recipe, sequence, shard))
         tables.close()
         writer.finish()
     return drawn
@@ -313,7 +314,10 @@ def _rendered(recipe: Recipe, sequence: Sequence, renderer: Renderer) -> Iterato
             yield renderer.render(numbers, sensors, bands, recipe.signal, recipe.stars)
 
 
-def _sequence_record(sequence: Sequence, shard: Shard) -> dict[str, Any]:
+def _sequence_record(recipe: Recipe, sequence: Sequence, shard: Shard) -> dict[str, Any]:
+    """What was drawn, and the element sets that the sequence's scene does without and the recipe's does not."""
+    known = {(one["part"], one["location"]) for one in left_out_rows(recipe.scenario)}
+    more = [one for one in left_out_rows(sequence.scenario) if (one["part"], one["location"]) not in known]
     return {
         "sequence": sequence.number,
         "split": shard.split,
@@ -324,4 +328,5 @@ def _sequence_record(sequence: Sequence, shard: Shard) -> dict[str, Any]:
         "seed": sequence.scene.seed,
         "attempt": sequence.attempt,
         "values": sequence.values,
+        **({"left_out": more} if more else {}),
     }

@@ -32,7 +32,7 @@ from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of
 from warpsim.labels.coco import coco_categories, write_coco_parts
 from warpsim.labels.table import write_parquet
-from warpsim.output.manifest import python_version, response_facts
+from warpsim.output.manifest import left_out_rows, python_version, response_facts
 from warpsim.output.output_folder import CHECKPOINTS, FINISH, PLANNED, CheckpointRecord, OutputFolder
 from warpsim.output.preview import check_preview
 from warpsim.output.wording import progress_bar
@@ -193,6 +193,7 @@ def finish(recipe: Recipe, output: OutputFolder, records: dict[str, CheckpointRe
         "python": python_version(),
         "splits": split_of(recipe),
         "responses": {name: response_facts(band) for name, band in recipe.scene.scenario.bands.items()},
+        "left_out": left_out_rows(recipe.scenario),
         "files": {path.relative_to(folder).as_posix(): sha256_of(path) for path in files},
         "shards": {shard.name: records[shard.name] for shard in shards_of(recipe)},
     }

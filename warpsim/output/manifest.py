@@ -8,6 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from warpsim.radiometry.band import Band
+from warpsim.scene.scenario import Scenario
 from warpsim.version import __version__
 
 PACKAGES = ("numpy", "warp-lang", "astropy", "skyfield", "sgp4", "OpenImageIO", "pydantic")
@@ -46,3 +47,9 @@ def response_facts(band: Band) -> dict[str, Any]:
         "wavelength_um": band.wavelength_um.tolist(),
         "response": band.response.tolist(),
     }
+
+
+def left_out_rows(scenario: Scenario) -> list[dict[str, Any]]:
+    """Return the element sets that a scene does without (`Scenario.left_out`) as plain values."""
+    table = scenario.left_out
+    return [dict(zip(table.colnames, row.as_void().item(), strict=True)) for row in table]

@@ -22,7 +22,7 @@ from warpsim.output.fits_header import Views
 from warpsim.output.formats import Images
 from warpsim.output.growing import GrowingFiles
 from warpsim.output.joined_tables import joined_tables
-from warpsim.output.manifest import made_with, response_facts
+from warpsim.output.manifest import left_out_rows, made_with, response_facts
 from warpsim.output.output_folder import FINISH, PARTS, CheckpointRecord, OutputFolder
 from warpsim.output.plan import SHEET, USUAL_FORMATS, RunPlan, make_plan, maps_name, part_name
 from warpsim.output.wording import progress_bar
@@ -286,7 +286,7 @@ class Run:
     def _manifest(self, key: str, checksums: dict[str, str]) -> dict[str, Any]:
         """Manifest: files, inputs and versions."""
         plan, device = self.plan, self.renderer.device
-        tracks, left_out = plan.scenario.tracks, plan.scenario.left_out
+        tracks = plan.scenario.tracks
         return {
             "key": key,
             **made_with(),
@@ -295,7 +295,7 @@ class Run:
             "bands": plan.bands,
             "responses": {name: response_facts(plan.scenario.bands[name]) for name in plan.bands},
             "orbit_interpolation": {"node_step_s": tracks.step_s, "measured_error_m": tracks.error_m},
-            "left_out": [dict(zip(left_out.colnames, row.as_void().item(), strict=True)) for row in left_out],
+            "left_out": left_out_rows(plan.scenario),
             "sensors": {kind: _sensor_facts(plan, self.renderer, one) for kind, one in plan.instruments.items()},
             **plan.identity,
             "files": checksums,
