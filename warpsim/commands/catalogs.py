@@ -200,7 +200,7 @@ def _export(options: argparse.Namespace) -> int:
         not options.quiet,
     )
     if not options.quiet:
-        print(report.text())
+        say(report.text())
     return 0
 
 

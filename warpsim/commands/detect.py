@@ -12,6 +12,7 @@ from warpsim.commands.options import (
     frame_numbers,
     names,
     number,
+    say,
     scenario_of,
     start_warp,
     whole_number,
@@ -84,7 +85,7 @@ def _detect(options: argparse.Namespace) -> int:
         table = vstack(parts) if len(parts) > 1 else parts[0]
     _write(table, path, options.overwrite)
     n_named = sum(1 for name in table["target"] if name)
-    print(f"{len(table)} detections in {path}, {n_named} of targets")
+    say(f"{len(table)} detections in {path}, {n_named} of targets")
     return 0
 
 

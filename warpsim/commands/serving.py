@@ -16,6 +16,7 @@ from warpsim.commands.options import (
     start_warp,
     whole_number,
 )
+from warpsim.errors import printable
 
 
 def add_commands(commands: Any) -> None:
@@ -62,7 +63,7 @@ def _serve(options: argparse.Namespace) -> int:
         n_ahead=None if options.ahead is None else whole_number("--ahead", options.ahead),
     ) as server:
         where = [f"{name} {at}" for name in ("address", "ring", "control") if (at := getattr(server, name))]
-        print(f"serving {scenario.scene.name}: {', '.join(where)}", flush=True)
+        print(printable(f"serving {scenario.scene.name}: {', '.join(where)}"), flush=True)
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # it ends the server as Ctrl-C does
         try:
             server.run()

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpsim.commands.options import counts, names, scenario_of, start_warp, whole_number
+from warpsim.commands.options import counts, names, say, scenario_of, start_warp, whole_number
 from warpsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def _bench(options: argparse.Namespace) -> int:
         write_json(as_json(plan, speeds), path)
     print(f"\n{stage_table(speeds)}")
     if path:
-        print(f"\nfigures in {path}")
+        say(f"\nfigures in {path}")
     return 0
 
 
@@ -89,10 +89,10 @@ def _bench_scene(options: argparse.Namespace) -> int:
     devices = () if options.device is None else tuple(names(options.device) or ())
     n_frame = _frames_of_call(options.frames)
     speeds = list(scene_speeds(scenario, devices, 3 if options.quick else 9, n_frame, options.resident))
-    print(scene_speed_table(scenario, speeds))
+    say(scene_speed_table(scenario, speeds))
     if path:
         write_json({"scene": scenario.scene.name, "cases": [asdict(speed) for speed in speeds]}, path)
-        print(f"\nfigures in {path}")
+        say(f"\nfigures in {path}")
     return 0
 
 

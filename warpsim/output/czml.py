@@ -7,6 +7,7 @@ as they are. Cesium turns them to the ground by its own Earth orientation.
 from __future__ import annotations
 
 import functools
+import html
 import importlib.util
 import math
 import os
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
-from warpsim.errors import InputError
+from warpsim.errors import InputError, printable_lines
 from warpsim.files import check_new_file, whole_file
 from warpsim.instant import utc_dates
 from warpsim.orbit.intervals import Intervals
@@ -113,8 +114,9 @@ def _clock_packet(scenario: Scenario, dates: Dates) -> Any:
     clock = Clock(
         currentTime=start, multiplier=10, range=ClockRanges.LOOP_STOP, step=ClockSteps.SYSTEM_CLOCK_MULTIPLIER
     )
+    description = html.escape(printable_lines(scene.description)) or "A scene of warpsim."
     return Packet(
-        id=_DOCUMENT, name=scene.name, version=CZML_VERSION, description=scene.description or "A scene of warpsim.",
+        id=_DOCUMENT, name=scene.name, version=CZML_VERSION, description=description,
         clock=IntervalValue(start=start, end=end, value=clock),
     )  # fmt: skip
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.plot.figure import BLUE, DASHES, GREY, PALE, SERIES, new_axes
+from warpsim.plot.figure import BLUE, DASHES, GREY, PALE, SERIES, literal, new_axes
 from warpsim.scene.pointing import ANY
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
@@ -63,7 +63,8 @@ def plot_access(
         tick.set_color("black" if name in seen else PALE)
     ax.set(xlim=(0, duration_s), ylim=(max(len(names), 1) - 0.4, -0.6), xlabel="time after the epoch [s]")
     number = f"{len(seen.intersection(chosen))} of {len(chosen)} sensors"
-    ax.set_title(f"{scenario.scene.name}: access to {_counted_words(scenario, chosen, table)}, {number}", fontsize=10)
+    words = f"access to {_counted_words(scenario, chosen, table)}, {number}"
+    ax.set_title(f"{literal(scenario.scene.name)}: {words}", fontsize=10)
     ax.grid(axis="x", alpha=0.35)
     ax.set_axisbelow(True)
     return ax
@@ -183,7 +184,7 @@ def plot_range(
     ax.set(xlim=(0, scenario.scene.duration_s), ylim=(0, None))
     words = _counted_words(scenario, chosen or scenario.sensor_names, table)
     ax.set(xlabel="time after the epoch [s]", ylabel=f"range to {words} [km]")
-    ax.set_title(f"{scenario.scene.name}: thick lines mark access", fontsize=10)
+    ax.set_title(f"{literal(scenario.scene.name)}: thick lines mark access", fontsize=10)
     ax.grid(alpha=0.3)
     if 0 < len(chosen) <= 24:
         ax.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, handlelength=3)

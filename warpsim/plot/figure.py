@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.directions import normalised, unit_vectors
-from warpsim.errors import InputError
+from warpsim.errors import InputError, printable_lines
 from warpsim.files import whole_file
 from warpsim.instant import Instant
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, geodetic_to_gcrs_m
@@ -135,6 +135,11 @@ def pair(values: ArrayLike) -> tuple[float, float]:
     """Return two numbers as matplotlib's types want them."""
     x, y = np.asarray(values, np.float64)
     return float(x), float(y)
+
+
+def literal(name: str) -> str:
+    """Return a name as matplotlib draws it letter by letter: no formula begins at a dollar sign."""
+    return printable_lines(name).replace("$", r"\$")
 
 
 def plain(value: float, n_digit: int = 6) -> str:

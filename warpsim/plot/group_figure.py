@@ -17,6 +17,7 @@ from warpsim.plot.figure import (
     TargetKind,
     checked_time_s,
     draw_arrow,
+    literal,
     need_matplotlib,
     new_axes,
     pair,
@@ -173,8 +174,9 @@ def plot_attitudes(scene: Scene | Scenario, time_s: float | Sequence[float], ax:
     ax.set(xlim=(-1.75 * _CELL, (len(times_s) - 0.45) * _CELL), ylim=(-(len(kinds) - 0.2) * _CELL, 0.6 * _CELL))
     ax.set_aspect("equal")
     ax.set_axis_off()
-    axes = f"axes of {scenario.target_names[reference]} at {plain(reference_s)} s: along-track to the right, "
-    ax.set_title(f"{scenario.scene.name}: attitudes, a dark quarter marks the turn\n{axes}radial upwards", fontsize=10)
+    words = f"attitudes, a dark quarter marks the turn\naxes of {scenario.target_names[reference]}"
+    words += f" at {plain(reference_s)} s: along-track to the right, radial upwards"
+    ax.set_title(f"{literal(scenario.scene.name)}: {words}", fontsize=10)
     return ax
 
 

@@ -35,6 +35,7 @@ from warpsim.plot.figure import (
     counted_targets,
     draw_arrow,
     legend_below,
+    literal,
     new_axes,
     observed_targets,
     pair,
@@ -205,7 +206,8 @@ def plot_satellite_view(
         names = [scenario.target_names[number] for number in shown]
         annotate_points(detail, view.target_xy_px[shown], names, size=6.2, color=INK, zorder=2.5)
     ax.set_title(
-        f"{scenario.scene.name}: {sensor} at {plain(time_s)} s, {_range_words(scenario, sensor, float(time_s))}\n"
+        f"{literal(scenario.scene.name)}: {sensor} at {plain(time_s)} s, "
+        f"{_range_words(scenario, sensor, float(time_s))}\n"
         f"field of {camera.field_deg[0]:.3g} deg across",
         fontsize=10,
     )
@@ -352,7 +354,7 @@ def plot_labels(
             _draw_class(ax, of_class, paths, colour, (camera.n_row, camera.n_col))
             ax.plot([], [], "s", markerfacecolor="none", color=colour, label=f"{name} ({len(of_class)})")
     ax.set_title(
-        f"{frames.scene.name}: {sensor}, band {band}, frame {frame} at {plain(float(one.time_s[0]))} s\n"
+        f"{literal(frames.scene.name)}: {sensor}, band {band}, frame {frame} at {plain(float(one.time_s[0]))} s\n"
         f"masks: at least {plain(least_nei, 3)} NEI of the target's own light; white: {CEILING_NEI:g} NEI",
         fontsize=10,
     )

@@ -33,6 +33,7 @@ from warpsim.plot.figure import (
     draw_earth,
     globe_from,
     legend_below,
+    literal,
     new_axes,
     observed_targets,
     pair,
@@ -150,7 +151,7 @@ def plot_scene(
     _draw_satellites(ax, globe, satellites_m, has_access)
     _finish_scene(ax, globe, sun_m)
     utc, viewer = instant_after(scenario.epoch, time).isot, f"seen from RA {view[0] % 360:.0f}, dec {view[1]:.0f} deg"
-    ax.set_title(f"{scenario.scene.name} at {time:.1f} s ({utc} UTC)\n{viewer}", fontsize=10)
+    ax.set_title(f"{literal(scenario.scene.name)} at {time:.1f} s ({utc} UTC)\n{viewer}", fontsize=10)
     shown = np.flatnonzero(has_access & ~globe.is_hidden(satellites_m))
     if len(shown) <= MOST_LABELS:
         names = [observers[scenario.satellite_names[number]] for number in shown]
@@ -313,7 +314,7 @@ def plot_ground_tracks(scene: Scene | Scenario, ax: Axes | None = None) -> Axes:
     ax.grid(color="0.85", linewidth=0.6)
     ax.set_axisbelow(True)
     words = f"{plain(duration_s)} s from {scenario.scene.epoch_utc} UTC"
-    ax.set_title(f"{scenario.scene.name}: ground tracks over {words}", fontsize=10)
+    ax.set_title(f"{literal(scenario.scene.name)}: ground tracks over {words}", fontsize=10)
     if len(starts) <= MOST_LABELS:
         annotate_points(ax, list(starts.values()), list(starts), color=BLUE, zorder=7)
     return ax

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.plot.figure import BLUE, GREEN, GREY, ORANGE, PURPLE, SERIES, VERMILION, new_axes
+from warpsim.plot.figure import BLUE, GREEN, GREY, ORANGE, PURPLE, SERIES, VERMILION, literal, new_axes
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, as_band, planck_w_m2_sr_um
 from warpsim.radiometry.sun_and_earth import earth_spectrum, solar_spectrum
@@ -90,7 +90,7 @@ def plot_star_counts(
     group = "magnitude in the band" if by_magnitude else "in-band irradiance [W/cm2]"
     step_name = "whole magnitude" if by_magnitude else "decade"
     ax.set(xlabel=f"{group} (one group of bars per {step_name})", ylabel="number of stars")
-    ax.set_title(f"{catalog.name}: {len(catalog):,} stars")
+    ax.set_title(f"{literal(catalog.name)}: {len(catalog):,} stars")
     ax.grid(axis="y", alpha=0.3)
     ax.set_axisbelow(True)
     ax.legend(loc="upper left", ncols=2 if len(counts) > 3 else 1, fontsize=9)
@@ -151,7 +151,7 @@ def plot_sky_density(
     ax.set(xlim=(-2.95, 2.95), ylim=(-1.6, 1.5), aspect="equal")
     ax.set_axis_off()
     ax.text(0, -1.55, f"{frame} coordinates: {name[0]} along, {name[1]} up [deg]", ha="center", fontsize=9)
-    ax.set_title(f"{catalog.name}: {len(catalog):,} stars")
+    ax.set_title(f"{literal(catalog.name)}: {len(catalog):,} stars")
     bar = ax.figure.colorbar(image, cax=ax.inset_axes((1.0, 0.12, 0.02, 0.76)), extend="both")
     bar.set_label("stars per square degree")
     return ax
@@ -235,7 +235,7 @@ def plot_bands(scene: Scene | Scenario, ax: Axes | None = None) -> Axes:
         spectra.plot(wavelength_um, power / power.max(), label=label, linewidth=1.3, **style)
     spectra.set(yscale="log", ylim=(10.0**-DECADES, 20.0), ylabel="power per ln(wavelength) over peak (lines)")
     spectra.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=4, fontsize=8, frameon=False)
-    ax.set_title(f"Bands of {scenario.scene.name}")
+    ax.set_title(f"Bands of {literal(scenario.scene.name)}")
     return ax
 
 

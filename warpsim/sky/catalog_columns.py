@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, printable
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.photometric_bands import (
     FLUX_FILLED,
@@ -169,15 +169,25 @@ def checked_columns(
     return StarColumns(
         **of_type,
         epoch_jyear=checked_jyear(epoch_jyear, "epoch_jyear"),
-        name=name,
-        provenance=provenance,
+        name=printable(name),
+        provenance=printable(provenance),
         flux_jy=given_jy,
         flux_flag=given_flag,
-        id=texts["id"],
+        id=_printable_ids(texts["id"]),
         filled=filled,
         type_temperature_k=type_k,
         limit_jy=limits,
     )
+
+
+def _printable_ids(ids: NDArray[Any]) -> NDArray[Any]:
+    """Names of stars, of which those with control characters are changed: files and terminals obey these."""
+    if ids.dtype.kind == "U" and ids.nbytes:
+        letters = np.ascontiguousarray(ids).view(np.uint32).reshape(len(ids), -1)
+        odd = (letters > 126) | ((letters < 32) & (letters > 0) & (letters != ord("\t")))
+        for row in np.flatnonzero(odd.any(axis=1)).tolist():
+            ids[row] = printable(str(ids[row]))
+    return ids
 
 
 def selected(columns: StarColumns, rows: NDArray[Any]) -> StarColumns:
