@@ -32,6 +32,8 @@ def partial_path(path: Path) -> Path:
 def whole_file(path: Path) -> Iterator[Path]:
     """A temporary name beside path to write to; renamed to path at the end, removed on an error."""
     partial = partial_path(path)
+    if partial.is_symlink():  # what it leads to is not ours
+        partial.unlink()
     try:
         yield partial
         partial.replace(path)
@@ -108,7 +110,7 @@ def _check_folder_takes(path: Path) -> None:
     """Check that the file that becomes path can be made; permissions do not show it (file systems of the kernel)."""
     partial = partial_path(path)
     try:
-        if not partial.exists():
+        if not (partial.exists() or partial.is_symlink()):
             partial.touch()
             partial.unlink()
     except OSError as error:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import tarfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,10 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, printable
 from warpsim.files import read_json
 from warpsim.labels.coco import coco_categories
 from warpsim.labels.table import read_parquet
+from warpsim.output.checkpoints import is_record
 from warpsim.output.image_files import read_image
 from warpsim.output.output_folder import MANIFEST
 from warpsim.output.zarr_array import check_zarr
@@ -65,18 +67,19 @@ class DatasetReader:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         manifest = read_json(folder / MANIFEST)
-        if not isinstance(manifest, dict) or not {"recipe", "splits"} <= manifest.keys():
+        if not is_record(manifest) or not all(isinstance(manifest.get(name), dict) for name in ("recipe", "splits")):
             raise InputError(f"holds no complete data set: {MANIFEST} of `warpsim dataset` is missing").of(folder)
         self.key: str = manifest["key"]
         self.recipe: dict[str, Any] = manifest["recipe"]
         self.splits: dict[str, list[int]] = manifest["splits"]
         """Numbers of the sequences of each."""
+        self._check_names(MANIFEST, self.splits)
         scene = Scene.from_dict(self.recipe["scene"])
         self.class_names = [category["name"] for category in coco_categories(scene)]
         self.band_names: list[str] = self.recipe.get("bands") or list(
             dict.fromkeys(band for sensor in scene.sensors for band in sensor.bands)
         )
-        self.title = scene.description or scene.name
+        self.title = printable(scene.description or scene.name)
         self.interval_s = self.recipe.get("interval_s") or scene.frames.interval_s
         self.provenance: dict[str, Any] = manifest.get("provenance", {})
         """Words of provenance that all of its files share."""
@@ -90,6 +93,12 @@ class DatasetReader:
         while self._open:
             self._open.popitem()[1].close()
 
+    def _check_names(self, file: str, names: Iterable[Any]) -> None:
+        """Check that names, which become parts of paths, are plain: nothing is read or written elsewhere."""
+        if not all(re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", str(name)) for name in names):
+            rule = "must have plain names of splits, sensors, bands, targets, classes and files"
+            raise InputError(rule).of(self.folder / file)
+
     def sequences(self, split: str) -> Iterator[list[tuple[dict[str, Any], Columns]]]:
         """Yield the images of each sequence of a split, with the columns of their targets."""
         home = self.folder / split
@@ -97,6 +106,8 @@ class DatasetReader:
         for path in sorted([*home.glob(f"*/{IMAGES}"), *home.glob(f"*.{IMAGES}")]):
             found: dict[int, list[tuple[dict[str, Any], Columns]]] = {}
             for row, labels in image_rows(path, path.with_name(path.name.replace(IMAGES, TRUTH))):
+                names = {row["sensor"], row["band"], *row["file"].split("/")}
+                self._check_names(path.name, names.union(labels["target"].tolist(), labels["class"].tolist()))
                 found.setdefault(row["sequence"], []).append((row, labels))
             n_sequence += len(found)
             yield from found.values()

@@ -254,14 +254,15 @@ class _SequenceFolders:
 class TarArchive:
     """A tar archive per shard, in the form of WebDataset: KEY.npy (all bands), KEY.PLANE.npy and KEY.json.
 
-    A key is SEQUENCE_FRAME_SENSOR. Archives hold no times and no owners, so that equal content is equal bytes.
+    A key is SEQUENCE_FRAME_SENSOR. Archives hold no times and no owners, so that equal content is equal bytes; names
+    above 100 letters have a header of their own.
     """
 
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
         self._recipe, self._shard = recipe, shard
         path = folder / f"{shard.stem}.tar"
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._tar = tarfile.open(path, "w", format=tarfile.USTAR_FORMAT)  # noqa: SIM115
+        self._tar = tarfile.open(path, "w", format=tarfile.PAX_FORMAT)  # noqa: SIM115
 
     def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
         """Append the samples of frames."""

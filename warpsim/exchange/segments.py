@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.config.fields import MOST_LETTERS
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
 from warpsim.exchange.instants import TIME_SYSTEMS, FileInstants, instants_of_time, later, parse_dates
@@ -290,6 +291,6 @@ def known_stk_frame(name: str) -> Frame:
 def plain_name(name: str, otherwise: str = "object") -> str:
     """Letters, digits and `_ . -`: each run of others becomes one `_`, none at the ends. `otherwise` if none is left.
 
-    `ISS (ZARYA)` becomes `ISS_ZARYA`.
+    `ISS (ZARYA)` becomes `ISS_ZARYA`. Of very long names the first MOST_LETTERS are taken.
     """
-    return re.sub(r"[^A-Za-z0-9_.-]+", "_", name).strip("_.-") or otherwise
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", name).strip("_.-")[:MOST_LETTERS] or otherwise

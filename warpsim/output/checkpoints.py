@@ -32,12 +32,26 @@ def locked(folder: Path, parts: Path) -> Iterator[None]:
         parts: Folder of what an unfinished run needs; made when missing. It holds the lock file.
 
     Raises:
-        InputError: Another run holds it, or the file system knows no locks.
+        InputError: Another run holds it, the file system knows no locks, or there is a link among the parts.
     """
+    check_no_link(parts, parts / LOCK)
     with _open_lock(folder, parts):
+        for home, folders, files in os.walk(parts):  # others' late workers may change it meanwhile
+            check_no_link(*(Path(home, name) for name in (*folders, *files)))
         yield
     with contextlib.suppress(OSError):  # is not empty, or gone
         parts.rmdir()  # network file systems keep a removed lock for as long as it is open
+
+
+def check_no_link(*paths: Path) -> None:
+    """Check that files are written and removed here and nowhere else.
+
+    Raises:
+        InputError: One of the paths is a symbolic link.
+    """
+    link = next(filter(Path.is_symlink, paths), None)
+    if link is not None:
+        raise InputError("must not be a link: the files behind it may be others'").of(link)
 
 
 @contextlib.contextmanager

@@ -46,6 +46,10 @@ PLANES = {
 }
 
 
+MOST_LETTERS = 220
+"""Of a file's name before its endings: file systems take 255."""
+
+
 @dataclass(frozen=True)
 class Images:
     """The images of a sensor in a band."""
@@ -68,8 +72,11 @@ class Images:
 
     @property
     def stem(self) -> str:
-        """Stem of their file names."""
-        return f"{self.sensor}_{self.band}"
+        """Stem of their file names; InputError where it is too long for one."""
+        stem = f"{self.sensor}_{self.band}"
+        if len(stem) > MOST_LETTERS:
+            raise InputError(f"must have at most {MOST_LETTERS} letters together", "names of sensor and band", stem)
+        return stem
 
 
 class Format(Protocol):

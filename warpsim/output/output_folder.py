@@ -24,7 +24,7 @@ from typing import Any, Protocol
 
 from warpsim.errors import InputError
 from warpsim.files import partial_path, prepare_folder, read_json, sha256_of, write_json
-from warpsim.output.checkpoints import clear, has_key, is_record, locked, remove_files, which_match
+from warpsim.output.checkpoints import check_no_link, clear, has_key, is_record, locked, remove_files, which_match
 
 PARTS = ".warpsim-parts"
 """Folder of what a run needs while it is unfinished."""
@@ -113,9 +113,10 @@ class OutputFolder:
         if self.is_complete():
             self._tidy()
             return
+        claimed = job.claimed_names  # before the folder: an error where some are no names of files
         prepare_folder(self.path)
         try:
-            with self._locked_for(job, overwrite) as records:
+            with self._locked_for(job, claimed, overwrite) as records:
                 job.write_missing(self, records)
                 write_json(job.finish(self, records), self.manifest_path, lasting=True)
         except OSError as error:
@@ -169,7 +170,7 @@ class OutputFolder:
         """Give the complete files of a shard their final paths; return its record, which is still to be written.
 
         Raises:
-            InputError: One of the paths is taken by a file of somebody else.
+            InputError: One of the paths is taken by a file of somebody else, or leads through a link.
             OSError: The run is over, or the files cannot be moved.
         """
         names = list(names)
@@ -180,6 +181,7 @@ class OutputFolder:
         records = [read_json(path) for path in paths]
         known = {name for record in records if is_record(record) for name in record["files"]}
         for name in names:
+            check_no_link(*(self.path / folder for folder in Path(name).parents if folder != Path()))
             if name not in known and (self.path / name).exists():
                 raise InputError("is there already, and warpsim did not write it").of(self.path / name)
         self.plan(shard, checksums)
@@ -197,12 +199,12 @@ class OutputFolder:
         _write_record(record, self.checkpoint_path(record["shard"]))
 
     @contextlib.contextmanager
-    def _locked_for(self, job: Job, overwrite: bool) -> Iterator[dict[str, CheckpointRecord]]:
+    def _locked_for(self, job: Job, claimed: list[str], overwrite: bool) -> Iterator[dict[str, CheckpointRecord]]:
         """Lock the folder; yield the records of complete shards; clean up at the end, or if nothing was begun."""
         self._check_kind()
         with locked(self.path, self.parts):
             try:
-                self._make_room(job.claimed_names, overwrite)
+                self._make_room(claimed, overwrite)
                 write_json({"key": self.key, "files": {}, **self.identity}, self.parts / RUN, lasting=True)
                 self._take_up_manifest(job)
                 yield self._checkpoints(job.shard_names)
@@ -267,9 +269,7 @@ class OutputFolder:
         for name in claimed:
             path = self.path / name
             folders = [self.path / folder for folder in Path(name).parents if folder != Path()]
-            link = next((one for one in (path, *folders) if one.is_symlink()), None)
-            if link is not None:
-                raise InputError("must not be a link: the files behind it may be others'").of(link)
+            check_no_link(path, *folders)
             taken = path if path.exists() and name not in known else next(filter(Path.is_file, folders), None)
             if taken is not None:
                 raise InputError("is there already, and warpsim did not write it").of(taken)

@@ -10,12 +10,12 @@ from typing import Annotated, Any, TypeVar
 from pydantic import PlainSerializer, PlainValidator, ValidationInfo
 from pydantic_core import PydanticCustomError
 
-from warpsim.config.fields import number_within, rule_error
+from warpsim.config.fields import MOST_LETTERS, number_within, rule_error
 from warpsim.errors import InputError
 
 V = TypeVar("V")
 
-BAND_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+BAND_NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{MOST_LETTERS - 1}}}")
 """Names of bands; they are parts of file names too."""
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, PlainValidator, ValidationError, model_validator
 
-from warpsim.config.fields import FileName, Number, Positive, Switch, as_tuple, rows_in, rule_error
+from warpsim.config.fields import MOST_LETTERS, FileName, Number, Positive, Switch, as_tuple, rows_in, rule_error
 from warpsim.config.model import adapter, config_model, input_error
 from warpsim.errors import InputError, errors_at
 from warpsim.exchange.curve_file import CurveFile, read_curve
@@ -223,7 +223,7 @@ def _descriptions(value: Any) -> ByBand[BandDescription]:
         raise rule_error("must be a table of bands by name")
     for name in value:
         if not BAND_NAME.fullmatch(str(name)):
-            raise rule_error("must be names of letters, digits, '_', '.' or '-'")
+            raise rule_error(f"must be names of letters, digits, '_', '.' or '-', at most {MOST_LETTERS}")
         if name in SHIPPED:
             raise InputError("must be no shipped band's name", name)
     return ByBand({name: description_of(name, given) for name, given in value.items()})

@@ -106,6 +106,8 @@ def votable_tables(data: bytes, what: str = "a table") -> list[Part]:
     status, text = _query_status(data)
     if status == "ERROR":
         raise InputError(f"must be {what}, got an error from the archive: {text}")
+    if re.search(rb"<!ENTITY", data.partition(b"<VOTABLE")[0]):
+        raise InputError("must declare no entities of its own")
     if not re.search(rb"</(\w+:)?VOTABLE", data[-200:], re.IGNORECASE):
         raise InputError("ends early: the VOTable is not closed")
     found = list(_TABLE.finditer(data))
