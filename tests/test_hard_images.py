@@ -5,10 +5,13 @@ Stars are put where a test wants them on the image: the camera's inverse on the 
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
 from astropy.table import MaskedColumn, Table
-from scipy.special import ndtr
+from fuzz_cases import SCENE
+from scipy.special import j1, ndtr
 
 import warpsim as ws
 
@@ -406,3 +409,72 @@ def test_a_row_without_a_position_in_a_catalog(scene, device):
         with pytest.warns(UserWarning, match="1 of 3 stars without a finite position"):
             catalog = ws.StarCatalog.from_table(holed)
         np.testing.assert_array_equal(rendered(clean, catalog, device).counts.numpy(), expected)
+
+
+RADIUS = np.hypot(*np.indices((41, 41)) - 20.0) / 4.0  # of the samples [px]
+PATTERNS = {
+    "sampled-gaussian": (np.exp(-0.5 * (RADIUS / 0.8) ** 2), 4.0),
+    "sampled-airy": ((2 * j1(np.maximum(3.2 * RADIUS, 1e-9)) / np.maximum(3.2 * RADIUS, 1e-9)) ** 2, 4.0),
+    "impulse": (np.pad(np.ones((1, 1)), 7), 1.0),
+    "edge": (np.pad(np.ones((3, 3)), 6), 1.0),
+}
+RINGING = {"sampled-gaussian": 1e-6, "sampled-airy": 2e-4, "impulse": 0.1, "edge": 0.02}
+"""Of a star's light, in a pixel: what lies below zero of a spline through samples that are cut off, or too few."""
+GATE_SIGMAS = 5.0
+
+
+@pytest.mark.parametrize("dark_e_s", [0.0, 1e4], ids=["few-electrons", "many"])
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_patterns_that_ring_read_as_blank_where_they_are_below_zero(scene, tmp_path, device, pattern, dark_e_s):
+    """Under shot noise a negative mean is no mean: such pixels have the dark current alone, however bright the star."""
+    image, oversample = PATTERNS[pattern]
+    np.save(tmp_path / "psf.npy", image)
+    detector = {"kind": "electron", "exposure_s": 0.1, "full_well_e": 2e5, "gain_e_per_count": 12.0, "bits": 14,
+                "quantum_efficiency": 0.6, "dark_e_s": dark_e_s, "read_noise_e": 30.0}  # fmt: skip
+    optics = {"psf": "table", "sigma_px": None, "psf_file": str(tmp_path / "psf.npy"), "psf_oversample": oversample}
+    ringing = sky_scene(scene, {"n_row": 32, "n_col": 48}, **optics).replace(detector=detector)
+    light = 1e-5
+    catalog = catalog_at(ringing, [[20.3, 14.4]], light)
+    images = ws.Renderer(ringing, device=device, catalog=catalog).render([FRAME], [SENSOR], ["A"], keep_signal=True)
+    signal, counts = images.signal_w_cm2.numpy(), images.counts.numpy().astype(float)
+    assert np.isfinite(signal).all() and signal.min() >= -RINGING[pattern] * light
+    assert signal.sum() == pytest.approx(light, rel=1e-3)
+    assert counts.max() <= 2**14 - 1
+    levels = ringing.scenario.instrument.levels["A"]
+    below = counts[signal < 0.0]
+    spread = np.sqrt(levels.dark_e + 30.0**2) / 12.0
+    if pattern in ("impulse", "edge"):
+        assert below.size > 20
+    if below.size:
+        assert abs(below.mean() - levels.blank_counts) < GATE_SIGMAS * np.hypot(spread, 0.3) / np.sqrt(below.size)
+        assert np.abs(below - levels.blank_counts).max() < NOISE_SIGMAS * spread + 1.0
+
+
+ORBIT = {"kind": "elements", "altitude_km": 1400.0, "inclination_deg": 65.0}
+
+
+@pytest.mark.parametrize(
+    ("trajectory", "radius_m"),
+    [
+        *(({**ORBIT, "mean_anomaly_deg": anomaly}, 0.5) for anomaly in (0.0, 1e-12, 1e-9, 1e-6, 1e-3, 10.0)),
+        ({**ORBIT, "mean_anomaly_deg": 1e-9}, 1e5), ({**ORBIT, "mean_anomaly_deg": 1e-2}, 1e-22),
+        ({"kind": "state_vector", "position_m": [4e8, 0.0, 0.0], "velocity_m_s": [0.0, 5.0, 0.0]}, 0.5),
+        ({"kind": "state_vector", "position_m": [4e8, 0.0, 0.0], "velocity_m_s": [0.0, 5.0, 0.0]}, 1e-22),
+    ],
+)  # fmt: skip
+def test_light_from_no_range_to_that_of_the_moon_is_a_number(device, trajectory, radius_m):
+    """In the sensor itself, a nanometre away, larger than its distance, and too faint for float32."""
+    small = copy.deepcopy(SCENE)
+    small["targets"][0]["shape"]["radius_m"] = radius_m
+    small |= {"constellation": {"kind": "listed", "satellites": [{"name": "one", "orbit": ORBIT}]},
+              "trajectory": trajectory, "access_rules": {}, "frames": {"count": 1, "interval_s": 1.0}}  # fmt: skip
+    images = ws.Renderer(ws.Scene.from_dict(small), device=device).render([0], ["one"], ["A"], keep_signal=True)
+    row = images.truth[0]
+    names = ("range_km", "irradiance_w_cm2", "snr", "snr_peak", "left_out_w_cm2")
+    assert np.isfinite([row[name] for name in names]).all() and min(row[name] for name in names) >= 0.0
+    assert row["snr_peak"] <= row["snr"] and row["snr"] == row["irradiance_w_cm2"] / 1e-18
+    assert np.isfinite(images.signal_w_cm2.numpy()).all() and images.counts.numpy().max() < 2**14
+    if row["range_km"] > 0.0:
+        assert np.isfinite([row["x_px"], row["y_px"]]).all()
+        bound_px = row["x_sigma_px"]  # infinite where the pixels are full
+        assert bound_px > 0.0 if row["irradiance_w_cm2"] > 0.0 else np.isnan(bound_px)
