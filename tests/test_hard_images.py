@@ -418,7 +418,7 @@ PATTERNS = {
     "impulse": (np.pad(np.ones((1, 1)), 7), 1.0),
     "edge": (np.pad(np.ones((3, 3)), 6), 1.0),
 }
-RINGING = {"sampled-gaussian": 1e-6, "sampled-airy": 2e-4, "impulse": 0.1, "edge": 0.02}
+RINGING = {"sampled-gaussian": 1e-6, "sampled-airy": 2e-4, "impulse": 0.073, "edge": 0.02}
 """Of a star's light, in a pixel: what lies below zero of a spline through samples that are cut off, or too few."""
 GATE_SIGMAS = 5.0
 

@@ -27,7 +27,7 @@ from warpsim.output.output_folder import PARTS as RUN_PARTS
 
 EVIL = "\x1b]0;x\x07\x1b[31mred\x9b\u202e\r\x7f"
 """Escapes of terminals, a bell, the 8-bit form of both, a turn of the reading direction, a return, a deletion."""
-DOLLARS = r"$\frac$ of 5 $ and \$x_{y"
+DOLLARS = r"../$\frac$ of 5 $ and \$x_{y"
 """What matplotlib would take for formulas, of which the first is broken."""
 XML_HEAD = '<?xml version="1.0"?>'
 

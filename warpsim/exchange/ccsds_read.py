@@ -221,9 +221,8 @@ def _xml_segment(source: SourceFile, kind: str, element: Element) -> _MessageSeg
             cells = _xml_row(source, item, _OEM_COLUMNS, 7, ("km", "km/s", "km/s**2"))
         else:
             if item.tag != "attitudeState" or "Q1" not in [leaf.tag for leaf in item.leaves()]:
-                kind = segment.meta.get("ATTITUDE_TYPE", _KeywordValue("", 0)).text
-                rule = f"must be an <attitudeState> with a quaternion Q1, Q2, Q3, QC, got ATTITUDE_TYPE {kind[:30]}"
-                raise _xml_error(source, item.line, rule)
+                rule = "must be an <attitudeState> with a quaternion Q1, Q2, Q3, QC, got ATTITUDE_TYPE "
+                raise _xml_error(source, item.line, rule + segment.meta.get("ATTITUDE_TYPE", item).text.strip()[:30])
             cells = _xml_row(source, item, ("EPOCH", "Q1", "Q2", "Q3", "QC"), 5, ())
         segment.rows.add(item.line, cells)
     return segment
