@@ -4,6 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from warpsim.exchange.elements_files import element_records, read_element_records
+
+
+def parse_element_sets(text):
+    """All element sets of a text."""
+    return [record.parse() for record in element_records(text)]
+
+
+def read_element_sets(path):
+    """All element sets of a file."""
+    return [record.parse() for record in read_element_records(path)]
+
 
 def checksummed(line):
     """The line with the checksum that it needs."""

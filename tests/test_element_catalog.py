@@ -11,11 +11,20 @@ import sys
 import numpy as np
 import pytest
 from command_line import printed
-from element_sets import FAULTS, catalog, checksummed, decayed, low_orbit, not_a_number, one_line, wrong_checksum
+from element_sets import (
+    FAULTS,
+    catalog,
+    checksummed,
+    decayed,
+    low_orbit,
+    not_a_number,
+    one_line,
+    parse_element_sets,
+    wrong_checksum,
+)
 from sgp4.api import Satrec
 
 import warpsim as ws
-from warpsim.exchange.elements_files import parse_element_sets
 from warpsim.instant import utc_time
 
 EPOCH = "2025-03-20T12:00:00"

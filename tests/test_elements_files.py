@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 import sgp4
+from element_sets import parse_element_sets, read_element_sets
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warpsim.errors import InputError
 from warpsim.exchange.element_set import plain_designator
-from warpsim.exchange.elements_files import parse_element_sets, read_element_sets
 
 ISS = (
     "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991",

@@ -8,12 +8,12 @@ import lzma
 
 import numpy as np
 import pytest
+from element_sets import read_element_sets
 from exchange_samples import AEM, CSV, CSV_ATTITUDE, OEM, STK_A, STK_E
 from scipy.spatial.transform import Rotation
 from skyfield.api import wgs84
 
 import warpsim as ws
-from warpsim.exchange.elements_files import read_element_sets
 from warpsim.instant import utc_time
 
 EPOCH = "2025-03-20T12:00:00"

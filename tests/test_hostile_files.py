@@ -14,12 +14,11 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from command_line import printed, refused, run
-from element_sets import low_orbit
+from element_sets import low_orbit, read_element_sets
 from exchange_samples import OEM, OEM_XML
 from fuzz_cases import PARTS, SCENE
 
 import warpsim as ws
-from warpsim.exchange.elements_files import read_element_sets
 from warpsim.files import whole_file
 from warpsim.output.catalogs import write_catalog
 from warpsim.output.checkpoints import whole_folder

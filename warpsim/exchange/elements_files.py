@@ -79,28 +79,14 @@ _NORAD_ID = re.compile(r"\d{1,9}", re.ASCII)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
-def read_element_sets(path: str | os.PathLike[str]) -> list[ElementSet]:
-    """Read all element sets of a file, in its order. The content decides on the format, not the file's name."""
-    records = read_element_records(path)
-    try:
-        return [record.parse() for record in records]
-    except InputError as error:
-        raise error.of(path) from None
-
-
 def read_element_records(path: str | os.PathLike[str]) -> list[ElementRecord]:
-    """Find the element sets of a file, in its order, without parsing their numbers."""
+    """Find the element sets of a file, in its order, without parsing their numbers. The content tells the format."""
     source = read_source(path)
     source.check_kind()
     try:
         return element_records(source.text)
     except InputError as error:
         raise error.of(path) from None
-
-
-def parse_element_sets(text: str) -> list[ElementSet]:
-    """Read all element sets of a text, as `read_element_sets` does."""
-    return [record.parse() for record in element_records(text)]
 
 
 def element_records(text: str) -> list[ElementRecord]:
