@@ -25,7 +25,7 @@ def add_commands(commands: Any) -> None:
     catalog.add_argument("--readme", metavar="PATH", help="ReadMe that describes a CDS file")
     catalog.add_argument("--columns", metavar="PAIRS", help="what is in which column: ra_deg=RAJ2000,flux_A_jy=F8")
     catalog.add_argument("--table", metavar="NAME", help="which of several tables in the file, by name or number")
-    catalog.add_argument("--epoch", metavar="YEAR", help="Julian year of the positions; told by the file if left out")
+    catalog.add_argument("--epoch", metavar="YEAR", help="Julian year of the positions; read from the file if left out")
     catalog.add_argument("--no-fill", action="store_true", help="leave bands without a flux unknown")
     catalog.add_argument("--n-star", metavar="N", help="number of stars of the synthetic catalog")
     catalog.add_argument("--limit-jy", metavar="JY", help="instead: flux density of its faintest star in band A")
@@ -69,8 +69,8 @@ def _load_catalog(options: argparse.Namespace) -> StarCatalog:
     from warpsim.sky.catalog import StarCatalog
 
     name = options.catalog
-    made_up = ("n_star", "limit_jy", "sky", "seed")
-    if name != "synthetic" and (given := [option for option in made_up if getattr(options, option)]):
+    synthetic = ("n_star", "limit_jy", "sky", "seed")
+    if name != "synthetic" and (given := [option for option in synthetic if getattr(options, option)]):
         raise InputError("is for synthetic only", f"--{given[0].replace('_', '-')}", name)
     if name in ("default", "union", "synthetic"):
         for option in ("format", "readme", "columns", "table", "epoch", "no_fill"):

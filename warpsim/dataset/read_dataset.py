@@ -154,7 +154,7 @@ def _opened(path: Path) -> _File:
 def _tar_reader(path: Path) -> _File:
     tar = tarfile.open(path)  # noqa: SIM115
 
-    @lru_cache(maxsize=4)  # of the frames that one picture may show
+    @lru_cache(maxsize=4)  # of the frames that one image may show
     def bands_of(member: str) -> npt.NDArray[Any]:
         file = tar.extractfile(member)
         return np.asarray(np.load(io.BytesIO(file.read() if file else b"")))

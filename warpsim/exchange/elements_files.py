@@ -80,7 +80,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def read_element_records(path: str | os.PathLike[str]) -> list[ElementRecord]:
-    """Find the element sets of a file, in its order, without parsing their numbers. The content tells the format."""
+    """Find the element sets of a file, in its order, without parsing their numbers. The content says the format."""
     source = read_source(path)
     source.check_kind()
     try:

@@ -132,7 +132,7 @@ def checked_columns(
         flux_jy: Flux density [Jy] by photometric band.
         flux_flag: Kinds of the fluxes, by band; measured where left out.
         id: Names; "1", "2", ... if left out.
-        spectral_type: Spectral types, which tell temperature and luminosity class where unknown.
+        spectral_type: Spectral types, which give temperature and luminosity class where unknown.
         limit_jy: Upper limits of predicted fluxes by band [Jy]; NaN for none.
         epoch_jyear: Julian year of the coordinates.
         name: Name of the catalog.
@@ -152,15 +152,15 @@ def checked_columns(
             raise InputError(f"must have shape ({n_star},) like ra_deg", key, values.shape)
     limits = checked_limits(limit_jy or {}, n_star)
 
-    placed = np.isfinite(columns["ra_deg"]) & np.isfinite(columns["dec_deg"])
-    rows = np.flatnonzero(placed)
+    located = np.isfinite(columns["ra_deg"]) & np.isfinite(columns["dec_deg"])
+    rows = np.flatnonzero(located)
     if len(rows) < n_star:
-        _warn_left_out(file or name, placed, line_of_row)
-        columns = {key: values[placed] for key, values in columns.items()}
-        texts = {key: values[placed] for key, values in texts.items()}
-        limits = {band: values[placed] for band, values in limits.items()}
+        _warn_left_out(file or name, located, line_of_row)
+        columns = {key: values[located] for key, values in columns.items()}
+        texts = {key: values[located] for key, values in texts.items()}
+        limits = {band: values[located] for band, values in limits.items()}
     _check_ranges(columns, rows)
-    type_k = _tell_by_type(columns, texts["spectral_type"], name) if "spectral_type" in texts else None
+    type_k = _fill_from_type(columns, texts["spectral_type"], name) if "spectral_type" in texts else None
     given_jy, given_flag, filled = _given_fluxes(columns, flux_jy, rows)
     columns["ra_deg"] = wrapped_deg(columns["ra_deg"])
     of_type: dict[str, Any] = {
@@ -247,7 +247,7 @@ def _behind(values: Sequence[NDArray[Any] | None], sizes: Sequence[int], unknown
     return np.concatenate(pieces)
 
 
-def _tell_by_type(columns: dict[str, Array], spectral_type: NDArray[np.str_], name: str) -> Array:
+def _fill_from_type(columns: dict[str, Array], spectral_type: NDArray[np.str_], name: str) -> Array:
     """Set unknown temperatures and classes by spectral types with a class; return the type_temperature_k of all."""
     type_k, luminosity = of_spectral_types(spectral_type)
     warn_unknown_types(name, spectral_type, type_k)
@@ -329,12 +329,12 @@ def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, 
     return limits
 
 
-def _warn_left_out(where: str, placed: NDArray[np.bool_], line_of_row: NDArray[np.int64] | None) -> None:
+def _warn_left_out(where: str, located: NDArray[np.bool_], line_of_row: NDArray[np.int64] | None) -> None:
     """Warn about stars without a finite position: how many, and their rows or lines."""
-    lost = np.flatnonzero(~placed)
+    lost = np.flatnonzero(~located)
     unit, numbers = ("rows", lost) if line_of_row is None else ("lines", line_of_row[lost])
     shown = ", ".join(map(str, numbers[:5].tolist())) + (", ..." if len(lost) > 5 else "")
-    text = f"{where}: left out {len(lost)} of {len(placed)} stars without a finite position ({unit} {shown})"
+    text = f"{where}: left out {len(lost)} of {len(located)} stars without a finite position ({unit} {shown})"
     warnings.warn(text, stacklevel=3)
 
 

@@ -203,9 +203,9 @@ class ParquetFile:
 
         `within` are smallest and largest number of columns: groups whose statistics lie outside are passed over.
         """
-        wanted = set(names)
+        required = set(names)
         # astropy keeps the masks of columns so.
-        columns = [name for name in self.names if name in wanted or name.removesuffix(".mask") in wanted]
+        columns = [name for name in self.names if name in required or name.removesuffix(".mask") in required]
         first = 0
         for group in range(self._file.metadata.num_row_groups):
             described = self._file.metadata.row_group(group)
