@@ -13,14 +13,17 @@ SOFTENING_NEI = 2.0
 """The grey scale is linear below, logarithmic above: asinh(x / softening)."""
 
 
-def grey(counts: npt.NDArray[np.uint16], levels: Levels, most_px: int) -> npt.NDArray[np.uint8]:
-    """An image in grey: black is blank sky, white CEILING_NEI.
+def grey(
+    counts: npt.NDArray[np.uint16], levels: Levels, most_px: int, ceiling_nei: float = CEILING_NEI
+) -> npt.NDArray[np.uint8]:
+    """An image in grey: black is blank sky, white ceiling_nei.
 
     Args:
         counts: Shape (row, column).
         levels: What the counts mean.
         most_px: A larger image is reduced to at most so many pixels a side, by the brightest of each block of pixels,
             so that no point source is lost.
+        ceiling_nei: Light that is drawn white.
     """
     level = (counts.astype(np.float32) - levels.blank_counts) / levels.counts_per_nei
     block = -(-max(level.shape) // most_px)
@@ -29,7 +32,7 @@ def grey(counts: npt.NDArray[np.uint16], levels: Levels, most_px: int) -> npt.ND
         padded = np.full((rows, columns), -np.inf, dtype=np.float32)
         padded[: level.shape[0], : level.shape[1]] = level
         level = padded.reshape(rows // block, block, columns // block, block).max(axis=(1, 3))
-    shade = np.arcsinh(np.maximum(level, 0) / SOFTENING_NEI) / np.arcsinh(CEILING_NEI / SOFTENING_NEI)
+    shade = np.arcsinh(np.maximum(level, 0) / SOFTENING_NEI) / np.arcsinh(ceiling_nei / SOFTENING_NEI)
     return np.asarray(np.minimum(shade, 1) * 255, dtype=np.uint8)
 
 

@@ -12,6 +12,7 @@ from warpsim.constants import EARTH_GM_M3_S2
 from warpsim.directions import normalised
 from warpsim.instant import instant_after
 from warpsim.orbit.earth import gcrs_to_geodetic
+from warpsim.plot.coastlines import coastlines_deg
 from warpsim.plot.figure import (
     BLUE,
     DASHES,
@@ -22,6 +23,7 @@ from warpsim.plot.figure import (
     MOST_LABELS,
     N_PATH,
     ORANGE,
+    PALE,
     PURPLE,
     SKY_BLUE,
     VERMILION,
@@ -293,6 +295,7 @@ def plot_ground_tracks(scene: Scene | Scenario, ax: Axes | None = None) -> Axes:
     duration_s = scenario.scene.duration_s
     ax = ax or new_axes(11.0, 5.8)
     time_s = np.linspace(0, duration_s, max(N_PATH, int(duration_s / 20) + 1))
+    ax.plot(*coastlines_deg().T, color=PALE, linewidth=0.5, zorder=1.5)
     with_access = _draw_access(ax, scenario)
     starts: dict[str, F64] = {}
     for name in sorted(scenario.satellite_names, key=lambda name: name in with_access):
