@@ -16,6 +16,7 @@ from warpsim.errors import InputError
 from warpsim.files import read_json
 from warpsim.labels.boxes import target_boxes
 from warpsim.output.checkpoints import is_record
+from warpsim.output.grey import window_about
 from warpsim.output.output_folder import MANIFEST
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
@@ -24,8 +25,6 @@ from warpsim.scene.scene import Scene
 
 LEAST_BOX_PX = 5.0
 """Of boxes on the page, so that the light of a point shows within its frame."""
-
-_MARGIN_PX = 8.0  # of sky about the targets
 
 
 @dataclass(frozen=True)
@@ -57,21 +56,16 @@ class ShownImage:
 
     def about_targets(self) -> ShownImage:
         """Return the square part of the image that holds all its targets with light, and some sky; all without any."""
-        if not self.marks:
-            return self
-        xy = np.array([(mark.x_px, mark.y_px) for mark in self.marks])
-        middle, half = xy.min(axis=0) + np.ptp(xy, axis=0) / 2, np.ptp(xy, axis=0).max() / 2 + _MARGIN_PX
-        first = np.clip(np.floor(middle - half).astype(int), 0, None)
-        end = np.minimum(np.ceil(middle + half).astype(int) + 1, self.counts.shape[::-1])
-        if (end <= first).any():
-            return self
-        shift = np.append(first, (0, 0))
+        rows, columns = window_about([(mark.x_px, mark.y_px) for mark in self.marks], self.counts.shape)
+        left, top = columns.start, rows.start
         marks = [
-            replace(mark, x_px=mark.x_px - first[0], y_px=mark.y_px - first[1], box_px=tuple(mark.box_px - shift))
+            replace(
+                mark, x_px=mark.x_px - left, y_px=mark.y_px - top,
+                box_px=(mark.box_px[0] - left, mark.box_px[1] - top, *mark.box_px[2:]),
+            )
             for mark in self.marks
-        ]
-        counts = self.counts[first[1] : end[1], first[0] : end[0]]
-        return replace(self, counts=counts, marks=marks, corner_px=(int(first[0]), int(first[1])))
+        ]  # fmt: skip
+        return replace(self, counts=self.counts[rows, columns], marks=marks, corner_px=(left, top))
 
     @property
     def merged(self) -> list[list[str]]:

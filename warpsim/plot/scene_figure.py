@@ -254,9 +254,9 @@ def _draw_flight(ax: Axes, globe: Globe, scenario: Scenario, flight: _Flight, ti
 def _draw_satellites(ax: Axes, globe: Globe, satellites_m: F64, has_access: NDArray[np.bool_]) -> None:
     """Marks of the satellites that the Earth does not hide, and a word about the others."""
     seen, xy = ~globe.is_hidden(satellites_m), globe.project(satellites_m)
-    for chosen, colour, size, words in ((has_access, GREEN, 6.5, "with access"), (~has_access, GREY, 4.5, "without access")):
+    for chosen, colour, size, words in ((has_access, GREEN, 6.5, "with"), (~has_access, GREY, 4.5, "without")):
         ax.plot(*xy[seen & chosen].T, "o", color=colour, markersize=size, zorder=6,
-                label=f"satellites {words}: {np.count_nonzero(chosen)}")  # fmt: skip
+                label=f"satellites {words} access: {np.count_nonzero(chosen)}")  # fmt: skip
     if not seen.all():
         ax.plot([], [], " ", label=f"{np.count_nonzero(~seen)} of them behind the Earth")
 
