@@ -240,3 +240,26 @@ def test_recordings_hold_the_images(renderer, tmp_path):
     text = (tmp_path / "page.html").read_text()
     assert text.lstrip().startswith("<!") and "http-equiv" not in text
     assert not list(tmp_path.glob("*.partial*"))
+
+
+@pytest.mark.ci
+def test_a_page_follows_a_server(renderer):
+    pytest.importorskip("zmq")
+    from warpsim.live.follow import Follower
+
+    frames = range(60, 64)
+    with ws.view(renderer, port=0, sensors=SENSORS, band="C") as page:
+        server = ws.FrameServer(
+            renderer, frames, SENSORS, ["A", "C"], rate_hz=4.0, address="tcp://127.0.0.1:*", wait_for=1, late="send"
+        )
+        with server, Follower(page, server.address):
+            server.run()
+            deadline = time.monotonic() + 20
+            while page.frame != frames[-1] and time.monotonic() < deadline:
+                time.sleep(0.01)
+        assert page.frame == frames[-1]
+        expected = renderer.render(frames[-1:], SENSORS, "C").counts.numpy()[0, :, 0]
+        np.testing.assert_array_equal([image.counts for image in page.shown], expected)
+        assert all(image.marks for image in page.shown)
+        with pytest.raises(InputError, match="follow: cannot be reached"):
+            Follower(page, "nowhere")

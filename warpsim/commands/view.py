@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 
 from warpsim.commands.options import SENSORS_HELP, frame_numbers, names, number, start_warp, whole_number
 from warpsim.errors import InputError
@@ -16,6 +17,7 @@ def add_commands(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     view.add_argument("--sensors", metavar="NAMES", help=SENSORS_HELP)
     view.add_argument("--band", metavar="NAME", help="band that is shown; the first of each sensor if left out")
     view.add_argument("--sequence", default="0", metavar="N", help="of a data set")
+    view.add_argument("--follow", metavar="ADDRESS", help="show what `warpsim serve SOURCE --address ADDRESS` sends")
     view.add_argument("--record", metavar="FILE", help="write a recording instead: .html, .mp4 or .gif")
     view.add_argument("--frames", metavar="A:B[:STEP]", help="of the recording; all if left out")
     view.add_argument("--fps", default="10", metavar="N", help="frames per second of the recording (10)")
@@ -24,6 +26,7 @@ def add_commands(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def _view(options: argparse.Namespace) -> int:
+    from warpsim.live.follow import Follower
     from warpsim.live.recording import record
     from warpsim.live.sources import view
 
@@ -33,8 +36,9 @@ def _view(options: argparse.Namespace) -> int:
     start_warp()
     with view(options.source, port, names(options.sensors), options.band, sequence) as page:
         if options.record is None:
-            print(f"{page.url} shows {page.scenario.scene.name}; Ctrl-C ends", flush=True)
-            page.run()
+            with Follower(page, options.follow) if options.follow else contextlib.nullcontext():
+                print(f"{page.url} shows {page.scenario.scene.name}; Ctrl-C ends", flush=True)
+                page.run()
             return 0
         frames = page.frames[chosen or slice(None)] if chosen is None or isinstance(chosen, slice) else chosen
         if unknown := sorted(set(frames) - set(page.frames)):

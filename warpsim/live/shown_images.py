@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,9 @@ from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from astropy.table import Table
 
 LEAST_BOX_PX = 5.0
 """Of boxes on the page, so that the light of a point shows within its frame."""
@@ -153,6 +156,8 @@ class FolderImages:
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
         self.folder = Path(folder)
+        from astropy.table import Table
+
         manifest = read_json(self.folder / MANIFEST)
         if not is_record(manifest) or "scene" not in manifest or "frames" not in manifest:
             raise InputError("holds no complete run, which has a manifest with a scene").of(folder)
@@ -162,7 +167,8 @@ class FolderImages:
         self._frames: dict[str, list[int]] = {name: list(numbers) for name, numbers in manifest["frames"].items()}
         self._bands: dict[str, list[str]] = manifest["bands_of"]
         self.sensors = [name for name, numbers in self._frames.items() if numbers]
-        self._marks = _marks_of(self.folder / "truth.fits") if "truth" in manifest["tables"] else {}
+        with_truth = "truth" in manifest["tables"]
+        self._marks = marks_of(Table.read(self.folder / "truth.fits")) if with_truth else {}
 
     def frames(self, sensor: str) -> Sequence[int]:
         """Numbers of the frames that a sensor has images of."""
@@ -186,11 +192,8 @@ class FolderImages:
         return shown
 
 
-def _marks_of(path: Path) -> dict[tuple[int, str, str], list[Mark]]:
-    """Targets with light by image, from a run's table of truth; a box stands about the middle of the path."""
-    from astropy.table import Table
-
-    table = Table.read(path)
+def marks_of(table: Table) -> dict[tuple[int, str, str], list[Mark]]:
+    """Targets with light by frame, sensor and band, from a table of truth; boxes stand about the middle of a path."""
     lit = np.asarray(table["in_fov"]) & (np.asarray(table["irradiance_w_cm2"]) != 0.0)
     marks: dict[tuple[int, str, str], list[Mark]] = {}
     for row in table[lit]:

@@ -10,7 +10,7 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -81,7 +81,7 @@ class View:
         self._latency_s: deque[float] = deque(maxlen=200)
         self._shown_at: deque[float] = deque(maxlen=60)
         self._playing = self._again = False
-        self._offered: FrameSet | None = None
+        self._offered: tuple[int, Callable[[str | None], list[ShownImage]]] | None = None
         self._problem = ""
         self._set_up(band)
         self.show(int(self._controls.slider.value))
@@ -157,20 +157,25 @@ class View:
         For a loop over `Renderer.stream(...)`: the page takes little of the time of the one who renders
         (`MOST_LOAD`), and counts the frames that it did not show.
         """
-        if self._offered is not None:
-            self.n_dropped += len(self._offered.frames)
-        self._offered = frames
+        self.n_dropped += len(frames.frames) - 1
+
+        def last(band: str | None) -> list[ShownImage]:
+            return images_of(frames, len(frames.frames) - 1, band if band in frames.bands else frames.bands[0])
+
+        self.offer_images(frames.frames[-1], last)
+
+    def offer_images(self, frame: int, images: Callable[[str | None], list[ShownImage]]) -> None:
+        """Give the page the images of a frame as a function of the band that it shows; as `offer`."""
+        self.n_dropped += self._offered is not None
+        self._offered = frame, images
         self._work.set()
 
-    def _show_offered(self, frames: FrameSet) -> None:
+    def _show_offered(self, frame: int, images: Callable[[str | None], list[ShownImage]]) -> None:
         with self._lock:
             begin = time.perf_counter()
-            wanted = self._controls.chosen_band
-            band = wanted if wanted in frames.bands else frames.bands[0]
-            self.n_dropped += len(frames.frames) - 1
-            images = {image.sensor: image for image in images_of(frames, len(frames.frames) - 1, band)}
-            self.shown = [images[sensor] for sensor in self.sensors if sensor in images]
-            self._show(frames.frames[-1], begin)
+            by_sensor = {image.sensor: image for image in images(self._controls.chosen_band)}
+            self.shown = [by_sensor[sensor] for sensor in self.sensors if sensor in by_sensor]
+            self._show(frame, begin)
 
     def _show(self, frame: int, begin: float) -> None:
         """Send the images and move what there is in three dimensions."""
@@ -278,9 +283,9 @@ class View:
         """Show what is asked for, and the next frames while playing, until the page is closed."""
         begin_s, begin, was_playing = 0.0, 0, False
         while not self._stop.is_set():
-            frames, self._offered = self._offered, None
-            if frames is not None:
-                self._show_offered(frames)
+            offered, self._offered = self._offered, None
+            if offered is not None:
+                self._show_offered(*offered)
                 self._wanted = self.frame
                 self._stop.wait(self._latency_s[-1] * (1 / MOST_LOAD - 1))
             elif self._playing:
