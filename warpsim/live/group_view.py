@@ -36,7 +36,7 @@ class GroupView:
     """
 
     def __init__(self, scene: Any, scenario: Scenario, group: int = 0) -> None:
-        self._scene, self._scenario = scene, scenario
+        self._scene, self.scenario = scene, scenario
         self.root = scene.add_frame(ROOT, show_axes=True, axes_length=1.0, axes_radius=0.01, visible=False)
         self._bodies: dict[int, Any] = {}
         self._targets: list[int] = []
@@ -50,7 +50,7 @@ class GroupView:
     def _body(self, target: int, colour: str) -> Any:
         import trimesh
 
-        facets = drawn_facets(self._scenario.targets[target].spec.shape)
+        facets = drawn_facets(self.scenario.targets[target].spec.shape)
         corners = (_BODY * facets).reshape(-1, 3)
         first = 4 * np.arange(len(facets))
         faces = np.concatenate([np.stack([first, first + 1, first + 2], 1), np.stack([first, first + 2, first + 3], 1)])
@@ -59,15 +59,15 @@ class GroupView:
         colours = np.concatenate([np.array(rgb(colour)) * shade[:, None], np.full((len(facets), 1), 255.0)], axis=1)
         mesh = trimesh.Trimesh(corners, faces, process=False)
         mesh.visual.vertex_colors = np.repeat(colours, 4, axis=0).astype(np.uint8)
-        name = self._scenario.target_names[target]
+        name = self.scenario.target_names[target]
         body = self._scene.add_mesh_trimesh(f"{ROOT}/body{target}", mesh, visible=False)
-        if len(self._scenario.targets) <= _MOST_NAMES:
+        if len(self.scenario.targets) <= _MOST_NAMES:
             self._scene.add_label(f"{ROOT}/body{target}/name", name, font_screen_scale=0.8)
         return body
 
     def show(self, time_s: float) -> None:
         """Move the bodies to an instant [s after the epoch]; hide those that are absent."""
-        scenario, at = self._scenario, np.array([time_s])
+        scenario, at = self.scenario, np.array([time_s])
         there = {target for target in self._targets if bool(scenario.tracks.exist(target, np.array(time_s)))}
         if self._targets and self._targets[0] in there:
             offset_m = group_offsets_m(scenario.tracks, self._targets, time_s)[:, _ORDER]

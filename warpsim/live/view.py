@@ -241,6 +241,8 @@ class View:
                 scene = changed_scene(self.images.renderer.scenario, known.changes, known.value)
                 self.images = RenderedImages(self.images.renderer.with_scene(scene))
                 self.scenario = self._globe.scenario = self.images.scenario
+                if self._group is not None:
+                    self._group.scenario = self.scenario
                 known.changes = [change._replace(value=known.value(change)) for change in known.changes]
                 self._problem = ""
         except InputError as error:
