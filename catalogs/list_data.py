@@ -46,6 +46,11 @@ FILES = {
         APACHE,
         ("coronagraph 1.1 (MIT), spectra of the Virtual Planetary Laboratory", "CERES EBAF 4.0 (means)"),
     ),
+    "coastlines_v1.npy": (
+        "coastlines of the world",
+        APACHE,
+        ("Natural Earth 4.1, 1:110 million (public domain), in world-atlas 2.0.2 (ISC)",),
+    ),
     "earth_limb_v1.npz": (
         "radiance of the Earth's limb",
         APACHE,

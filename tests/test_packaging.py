@@ -55,7 +55,7 @@ def test_bill_of_materials(wheel):
     """Every data file of the wheel, with the checksum that it has, a licence and a source."""
     name = next(name for name in wheel.namelist() if name.endswith("dist-info/sboms/sbom.cdx.json"))
     listed = {item["name"]: item for item in json.loads(wheel.read(name))["components"]}
-    shipped = [name for name in wheel.namelist() if re.match(r"warpsim_catalogs/[^/]*\.(csv|npz|toml)$", name)]
+    shipped = [name for name in wheel.namelist() if re.match(r"warpsim_catalogs/[^/]*\.(csv|npy|npz|toml)$", name)]
     assert {f"warpsim_catalogs/{name}" for name in listed} == set(shipped)
     for path in shipped:
         item = listed[path.split("/")[1]]

@@ -175,7 +175,7 @@ def test_scene_figure_has_the_positions_of_the_scene(scene):
     visible = {name for name in position_m if not hits_earth(position_m[name], towards, pole)[0]}
     assert seen == {"sat11", "sat12", "sat21", "sat27", "sat41", "sat47"}
     others = set(scene.sensor_names) - seen
-    for label, wanted in (("satellites with access: 6", seen), ("satellites without: 22", others)):
+    for label, wanted in (("satellites with access: 6", seen), ("satellites without access: 22", others)):
         (dots,) = by_label(ax, label)
         expected = [xy(position_m[name]) for name in scene.sensor_names if name in wanted & visible]
         np.testing.assert_allclose(dots.get_xydata(), expected, rtol=0, atol=DRAWN_ATOL)
@@ -831,7 +831,7 @@ def test_satellites_are_drawn_once(two_kinds):
     seeing = {name for name in two_kinds.sensor_names if scenario.has_access(name, TIME_S)[0]}
     assert seeing >= {"sat27.wide", "sat27.narrow", "sat11.narrow", "sat47"} and "sat11.wide" not in seeing
     ax = ws.plot.plot_scene(two_kinds, TIME_S, view_ra_dec_deg=(281.0, 60.0))
-    assert by_label(ax, "satellites with access: 6") and by_label(ax, "satellites without: 22")
+    assert by_label(ax, "satellites with access: 6") and by_label(ax, "satellites without access: 22")
     labels = [text.get_text() for text in ax.texts if text.get_text() not in ("", "Sun")]
     assert len(labels) == len(set(labels)) and set(labels) <= {
         "sat11.narrow", "sat12.narrow", "sat21.narrow", "sat27", "sat41", "sat47"

@@ -6,6 +6,7 @@ from scipy.special import erf
 
 import warpsim as ws
 from warpsim.output.contact_sheet import GAP_PX, LEFT_PX, TILE_PX, TOP_PX, SheetRow, draw_contact_sheet, grey_tile
+from warpsim.output.grey import window_about
 from warpsim.target.attitude import attitude_frame
 
 C_M_S = 299_792_458.0
@@ -140,3 +141,31 @@ def test_contact_sheet_shows_the_frames_it_says(scene, tmp_path):
                 assert np.count_nonzero(pixels[top + 20 : top + 128, left : left + 128, 0] == 255) == 1
             else:
                 assert seen == 40, (sensor, column)  # "no access"
+
+
+def test_a_sheet_of_targets_shows_the_part_about_them_with_ticks(scene, tmp_path):
+    import OpenImageIO as oiio
+
+    image = np.full((128, 128), 100, dtype=np.uint16)
+    image[70, 61] = image[70, 81] = 8000
+    xy_px = np.array([(61.0, 70.0), (81.0, 70.0), (400.0, 2.0)])  # the last is outside
+    rows = [SheetRow("sat11", scene.scenario.instrument, "A", [60])]
+    path = tmp_path / "sheet.png"
+    draw_contact_sheet(scene, rows, lambda *_: image[None], path, lambda *_: [xy_px])
+    assert window_about(xy_px, image.shape) == (slice(52, 89), slice(53, 90))
+    assert window_about(xy_px[2:], image.shape) == (slice(0, 128), slice(0, 128))
+    pixels = oiio.ImageBuf(str(path)).get_pixels(oiio.UINT8)
+    tile = pixels[TOP_PX : TOP_PX + TILE_PX, LEFT_PX : LEFT_PX + TILE_PX]
+    per_px = TILE_PX / 37
+    for column in (61, 81):
+        x, y = int((column - 53 + 0.5) * per_px), (70 - 52 + 0.5) * per_px
+        assert tuple(tile[int(y), x]) == (255, 255, 255)
+        assert tuple(tile[round(y - 2 * per_px), x]) == (79, 209, 255)
+    blue = (tile == (79, 209, 255)).all(axis=2)
+    assert len(set(np.nonzero(blue)[1].tolist())) == 2 and (tile[~blue].max(axis=1) == tile[~blue].min(axis=1)).all()
+
+
+def test_an_unknown_sheet_is_refused(scene, tmp_path):
+    with pytest.raises(ws.InputError, match="sheet: must be whole or targets, got 'crop'"):
+        ws.render_to_folder(scene, tmp_path / "run", sheet="crop")
+    assert not (tmp_path / "run").exists()

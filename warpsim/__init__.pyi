@@ -33,6 +33,9 @@ from warpsim.render.frame_stream import FrameStream as FrameStream
 from warpsim.render.stream import StreamStats as StreamStats
 from warpsim.serving.server import serve as serve
 from warpsim.serving.server import FrameServer as FrameServer
+from warpsim.live.sources import view as view
+from warpsim.live.view import View as View
+from warpsim.live.recording import record as record
 from warpsim.render.light_curves import light_curves as light_curves
 from warpsim.render.light_curves import LightCurves as LightCurves
 from warpsim.render.deposit import deposit as deposit

@@ -1,4 +1,4 @@
-"""Command line: warpsim render | access | check | plot | czml | detect | serve | catalog | dataset | export | bench."""
+"""Commands: warpsim render | access | check | plot | czml | detect | serve | view | catalog | dataset | ...."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from warpsim.commands import catalogs, detect, scenes, serving, speed
+from warpsim.commands import catalogs, detect, scenes, serving, speed, view
 from warpsim.errors import InputError, printable
 from warpsim.version import __version__
 
@@ -56,7 +56,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="warpsim", description="Render what space-based infrared sensors see.")
     parser.add_argument("--version", action="version", version=f"warpsim {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for module in (scenes, detect, serving, catalogs, speed):
+    for module in (scenes, detect, serving, view, catalogs, speed):
         module.add_commands(commands)
     return parser
 

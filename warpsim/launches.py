@@ -9,6 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+if wp.config.log_level == wp.LOG_INFO:  # Warp's own default: its banner, and a line for each module it loads
+    wp.config.log_level = wp.LOG_WARNING
+
 THREADS_PER_BLOCK_CUDA = 64
 """Threads of a block, unless a launch says otherwise: the few threads of some stages are spread over many
 multiprocessors, and as many blocks as one of those holds, 32, still are all of its 2,048 threads."""

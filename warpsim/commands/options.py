@@ -7,6 +7,7 @@ import ctypes.util
 import math
 import os
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from warpsim.errors import InputError, printable_lines
@@ -33,6 +34,7 @@ def start_warp() -> None:
     wp.config.log_level = wp.LOG_ERROR
     if ctypes.util.find_library("cuda") is not None:
         wp.init()
+        _announce_compilation()
         return
     sys.stderr.flush()
     kept = os.dup(2)
@@ -43,6 +45,16 @@ def start_warp() -> None:
     finally:
         os.dup2(kept, 2)
         os.close(kept)
+    _announce_compilation()
+
+
+def _announce_compilation() -> None:
+    """Tell a person at a terminal what the first command on a machine waits for."""
+    import warp as wp
+
+    folder = Path(str(wp.config.kernel_cache_dir))
+    if sys.stderr.isatty() and not any(folder.glob("wp_*")):
+        print(f"compiling kernels: about half a minute, once; they are kept in {folder}", file=sys.stderr)
 
 
 def scenario_of(source: str) -> Scenario:

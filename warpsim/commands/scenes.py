@@ -36,6 +36,7 @@ def add_commands(commands: Any) -> None:
     formats = "comma-separated: fits (the default), fits-frames, tiff, png, exr (noiseless), zarr"
     render.add_argument("--format", default="fits", metavar="NAMES", help=formats)
     render.add_argument("--preview", metavar="NAME", help="also an animation of each sensor and band: gif or mp4")
+    render.add_argument("--sheet", default="whole", metavar="NAME", help="contact sheet of whole images or of targets")
     render.add_argument("--overwrite", action="store_true", help="replace a different run in the folder")
     render.add_argument("--quiet", action="store_true", help="no progress bar, no report")
     render.set_defaults(command=_render, resumes=True)
@@ -101,6 +102,7 @@ def _render(options: argparse.Namespace) -> int:
         progress=not options.quiet,
         formats=names(options.format) or (),
         preview=options.preview,
+        sheet=options.sheet,
     )
     if not options.quiet:
         say(report.text())

@@ -6,13 +6,14 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from warpsim.detector.levels import Levels
 from warpsim.files import whole_file_by_memory
-from warpsim.output.grey import CEILING_NEI, grey
+from warpsim.output.grey import CEILING_NEI, grey, window_about
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.provenance import provenance
@@ -28,8 +29,14 @@ _NO_ACCESS = 40
 _INK = (0.85, 0.85, 0.85)
 _FAINT = (0.45, 0.45, 0.45)
 
+_MARK = np.array([79, 209, 255], np.uint8)
+_MARK_PX = (3.0, 1.5)  # a tick above a target, from and to so many pixels of the image
+
 Planes = Callable[[str, list[int]], npt.NDArray[np.uint16]]
 """(sensor, frame numbers) -> counts, shape (n, n_row, n_col)."""
+
+Places = Callable[[str, list[int]], list[npt.NDArray[np.float64]]]
+"""(sensor, frame numbers) -> columns and rows of the targets with light, each of shape (n, 2) [px]."""
 
 Label = tuple[int, int, str, int, tuple[float, float, float]]
 """Where, what, its size and colour."""
@@ -51,7 +58,9 @@ class SheetRow:
         return self.instrument.frame_time_s(self.frames)
 
 
-def draw_contact_sheet(scene: SceneDescription, rows: Sequence[SheetRow], planes: Planes, path: Path) -> None:
+def draw_contact_sheet(
+    scene: SceneDescription, rows: Sequence[SheetRow], planes: Planes, path: Path, places: Places | None = None
+) -> None:
     """Draw a PNG of some frames of every sensor.
 
     Args:
@@ -59,6 +68,8 @@ def draw_contact_sheet(scene: SceneDescription, rows: Sequence[SheetRow], planes
         rows: What is shown, sensor by sensor.
         planes: Reads images.
         path: File to write.
+        places: Where targets are; tiles then show the part of an image about them, with a tick above each. Whole
+            images when left out.
     """
     columns = _column_times_s(rows)
     height = TOP_PX + max(1, len(rows)) * (TILE_PX + GAP_PX)
@@ -72,7 +83,7 @@ def draw_contact_sheet(scene: SceneDescription, rows: Sequence[SheetRow], planes
     ]
     labels += [(_left(i), TOP_PX - 6, f"{time_s:.1f}", 13, _INK) for i, time_s in enumerate(columns)]
     for number, row in enumerate(rows):
-        labels += _draw_row(canvas, TOP_PX + number * (TILE_PX + GAP_PX), row, columns, planes)
+        labels += _draw_row(canvas, TOP_PX + number * (TILE_PX + GAP_PX), row, columns, planes, places)
     _write_png(canvas, labels, json.dumps(provenance(scene)), path)
 
 
@@ -89,28 +100,51 @@ def _bands_text(rows: Sequence[SheetRow]) -> str:
 
 
 def _draw_row(
-    canvas: npt.NDArray[np.uint8], top: int, row: SheetRow, columns: Sequence[float], planes: Planes
-) -> list[Label]:
+    canvas: npt.NDArray[np.uint8], top: int, row: SheetRow, columns: Sequence[float], planes: Planes,
+    places: Places | None,
+) -> list[Label]:  # fmt: skip
     """Draw the tiles of a sensor; the labels that belong to them."""
     middle = top + TILE_PX // 2
     name, _, kind = row.sensor.partition(".")
     labels: list[Label] = [(8, middle, name, 15, _INK), *([(8, middle + 18, kind, 13, _FAINT)] if kind else [])]
     shown = _nearest(row.time_s, columns)
     tiles: dict[int, npt.NDArray[np.uint16]] = {}
+    points: dict[int, npt.NDArray[np.float64]] = {}
     if shown:
-        tiles = dict(zip(shown, planes(row.sensor, [row.frames[index] for index in shown.values()]), strict=True))
+        numbers = [row.frames[index] for index in shown.values()]
+        tiles = dict(zip(shown, planes(row.sensor, numbers), strict=True))
+        points = dict(zip(shown, places(row.sensor, numbers), strict=True)) if places else {}
     for column, time_s in enumerate(columns):
         left = _left(column)
         if column not in tiles:
             canvas[top : top + TILE_PX, left : left + TILE_PX] = _NO_ACCESS
             labels.append((left + 34, middle + 4, "no access", 12, _FAINT))
             continue
-        tile = grey_tile(tiles[column], row.instrument.levels[row.band])
-        canvas[top : top + tile.shape[0], left : left + tile.shape[1]] = tile[..., None]
+        levels = row.instrument.levels[row.band]
+        if column in points:
+            tile = _marked_tile(tiles[column], levels, points[column])
+        else:
+            tile = np.repeat(grey_tile(tiles[column], levels)[..., None], 3, axis=2)
+        canvas[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
         own_s = row.time_s[shown[column]]
         if own_s != time_s:
             labels.append((left + 4, top + 14, f"{own_s:.1f} s", 11, _INK))
     return labels
+
+
+def _marked_tile(counts: npt.NDArray[np.uint16], levels: Levels, xy_px: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
+    """Return the part of an image about the targets, with a tick above each, shape (h, w, 3)."""
+    rows, columns = window_about(xy_px, counts.shape)
+    part = grey(counts[rows, columns], levels, TILE_PX)
+    per_px = TILE_PX / max(rows.stop - rows.start, columns.stop - columns.start)
+    size = [min(TILE_PX, round(n * TILE_PX / max(part.shape))) for n in part.shape]
+    near = np.ix_(*(np.arange(n) * length // n for n, length in zip(size, part.shape, strict=True)))
+    tile = np.repeat(part[near][..., None], 3, axis=2)
+    for x, y in (xy_px - (columns.start, rows.start) + 0.5) * per_px:
+        top, bottom = (min(max(round(y - away_px * per_px), 0), size[0]) for away_px in _MARK_PX)
+        if 0 <= x < size[1]:
+            tile[top:bottom, int(x)] = _MARK
+    return tile
 
 
 def grey_tile(counts: npt.NDArray[np.uint16], levels: Levels) -> npt.NDArray[np.uint8]:

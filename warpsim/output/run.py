@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.detector.detectors import detector_terms, has_maps
+from warpsim.errors import InputError
 from warpsim.files import sha256_of, whole_file, write_fits_table
 from warpsim.output.calibration import write_maps
 from warpsim.output.check import pointing_warning
@@ -91,6 +92,7 @@ def render_to_folder(
     every_frame: bool = False,
     formats: Sequence[str] = USUAL_FORMATS,
     preview: str | None = None,
+    sheet: str = "whole",
 ) -> RunReport:
     """Render a scene into a folder: images (FITS cubes, usually), truth table, contact sheet, manifest.
 
@@ -112,6 +114,7 @@ def render_to_folder(
             extension for each frame), "tiff", "png" (a 16-bit file for each image), "exr" (the same of the noiseless
             signal [W/cm2], float32), "zarr" (an array for each sensor and band; the extra `zarr`).
         preview: Also an animation for each sensor and band: "gif", or "mp4" with the extra `video`.
+        sheet: What the contact sheet shows of an image: "whole", or "targets", the part about them, with marks.
 
     Returns:
         What was done.
@@ -123,9 +126,11 @@ def render_to_folder(
     """
     begin = time.perf_counter()
     renderer = Renderer(scene, device)
+    if sheet not in ("whole", "targets"):
+        raise InputError("must be whole or targets", "sheet", sheet)
     plan = make_plan(renderer, frames, sensors, bands, stars, every_frame, formats, preview)
     output = OutputFolder(Path(folder), plan.identity)
-    run = Run(plan, renderer, progress)
+    run = Run(plan, renderer, progress, sheet)
     output.write(run, overwrite)
     warnings = [warn(renderer.scenario, plan.frames_of) for warn in (pointing_warning, earth_warning)]
     return RunReport(
@@ -148,6 +153,7 @@ class Run:
     plan: RunPlan
     renderer: Renderer
     progress: bool
+    sheet: str = "whole"
     n_image_rendered: int = 0
     render_s: float = 0.0
     """Time spent rendering."""
@@ -278,10 +284,18 @@ class Run:
             read = (form.counts(folder, images, frames) for form in plan.formats.values())
             return next(counts for counts in read if counts is not None)
 
+        def places(sensor: str, frames: list[int]) -> list[npt.NDArray[np.float64]]:
+            band = shown[kinds[sensor].sensor.name]
+            own = truth[(truth["sensor"] == sensor) & (truth["band"] == band) & (truth["irradiance_w_cm2"] > 0)]
+            xy_px = np.stack([own["x_px"], own["y_px"]], axis=1)
+            return [xy_px[own["frame"] == frame] for frame in frames]
+
         rows = [
             SheetRow(sensor, kind, shown[kind.sensor.name], plan.frames_of[sensor]) for sensor, kind in kinds.items()
         ]
-        draw_contact_sheet(plan.scenario.scene, rows, planes, folder / SHEET)
+        draw_contact_sheet(
+            plan.scenario.scene, rows, planes, folder / SHEET, places if self.sheet == "targets" else None
+        )
 
     def _manifest(self, key: str, checksums: dict[str, str]) -> dict[str, Any]:
         """Manifest: files, inputs and versions."""

@@ -123,10 +123,10 @@ def group_offsets_m(tracks: Tracks, targets: Sequence[int], time_s: float) -> F6
     """Return positions of targets relative to the first: radial, along-track, cross-track [m], shape (n, 3)."""
     states = [tracks.target_state(target, np.array([time_s])) for target in targets]
     position_m = np.concatenate([position for position, _ in states])
-    return np.asarray((position_m - position_m[0]) @ _local_frame(position_m[0], states[0][1][0]).T)
+    return np.asarray((position_m - position_m[0]) @ local_frame(position_m[0], states[0][1][0]).T)
 
 
-def _local_frame(position_m: F64, velocity_m_s: F64) -> F64:
+def local_frame(position_m: F64, velocity_m_s: F64) -> F64:
     """Radial, along-track and cross-track unit vectors of a state as rows, GCRS axes, shape (3, 3)."""
     radial, normal = normalised(position_m), np.cross(position_m, velocity_m_s)
     if np.linalg.norm(normal) < 1e-6 * np.linalg.norm(position_m):  # straight up or down: any cross-track will do
@@ -163,7 +163,7 @@ def plot_attitudes(scene: Scene | Scenario, time_s: float | Sequence[float], ax:
     reference = (there or [mains[min(mains)]])[0]
     reference_s = float(np.clip(times_s[0], *scenario.targets[reference].exists_s))
     position_m, velocity_m_s = (part[0] for part in scenario.tracks.target_state(reference, np.array([reference_s])))
-    radial, along, cross = _local_frame(position_m, velocity_m_s)
+    radial, along, cross = local_frame(position_m, velocity_m_s)
     to_figure = np.stack([along, radial, -cross])  # right, up, towards the viewer
     for row, kind in enumerate(kinds):
         _draw_row(ax, scenario, kind, row, times_s, to_figure)

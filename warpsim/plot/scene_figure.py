@@ -12,6 +12,7 @@ from warpsim.constants import EARTH_GM_M3_S2
 from warpsim.directions import normalised
 from warpsim.instant import instant_after
 from warpsim.orbit.earth import gcrs_to_geodetic
+from warpsim.plot.coastlines import coastlines_deg
 from warpsim.plot.figure import (
     BLUE,
     DASHES,
@@ -22,6 +23,7 @@ from warpsim.plot.figure import (
     MOST_LABELS,
     N_PATH,
     ORANGE,
+    PALE,
     PURPLE,
     SKY_BLUE,
     VERMILION,
@@ -253,9 +255,9 @@ def _draw_flight(ax: Axes, globe: Globe, scenario: Scenario, flight: _Flight, ti
 def _draw_satellites(ax: Axes, globe: Globe, satellites_m: F64, has_access: NDArray[np.bool_]) -> None:
     """Marks of the satellites that the Earth does not hide, and a word about the others."""
     seen, xy = ~globe.is_hidden(satellites_m), globe.project(satellites_m)
-    for chosen, colour, size, words in ((has_access, GREEN, 6.5, "with access"), (~has_access, GREY, 4.5, "without")):
+    for chosen, colour, size, words in ((has_access, GREEN, 6.5, "with"), (~has_access, GREY, 4.5, "without")):
         ax.plot(*xy[seen & chosen].T, "o", color=colour, markersize=size, zorder=6,
-                label=f"satellites {words}: {np.count_nonzero(chosen)}")  # fmt: skip
+                label=f"satellites {words} access: {np.count_nonzero(chosen)}")  # fmt: skip
     if not seen.all():
         ax.plot([], [], " ", label=f"{np.count_nonzero(~seen)} of them behind the Earth")
 
@@ -294,6 +296,7 @@ def plot_ground_tracks(scene: Scene | Scenario, ax: Axes | None = None) -> Axes:
     duration_s = scenario.scene.duration_s
     ax = ax or new_axes(11.0, 5.8)
     time_s = np.linspace(0, duration_s, max(N_PATH, int(duration_s / 20) + 1))
+    ax.plot(*coastlines_deg().T, color=PALE, linewidth=0.5, zorder=1.5)
     with_access = _draw_access(ax, scenario)
     starts: dict[str, F64] = {}
     for name in sorted(scenario.satellite_names, key=lambda name: name in with_access):

@@ -27,7 +27,7 @@ REPLIED = ("sensor", "frame", "start_s", "settled_s")
 """Fields of a command that was carried out, in the reply."""
 
 
-def _zmq() -> Any:
+def zmq_library() -> Any:
     """The library of the sockets, an extra."""
     try:
         import zmq
@@ -38,7 +38,7 @@ def _zmq() -> Any:
 
 def _bound(kind: str, address: str, field: str, **options: int) -> tuple[Any, str]:
     """A socket of a context of its own, and the address that it has been given."""
-    zmq = _zmq()
+    zmq = zmq_library()
     socket = zmq.Context().socket(getattr(zmq, kind))
     for name, value in options.items():
         socket.setsockopt(getattr(zmq, name), value)

@@ -1,0 +1,265 @@
+"""The page in the browser: what it is sent is what was rendered, and what it is asked for is what it shows."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import socket
+import time
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import warpsim as ws
+from warpsim.errors import InputError
+from warpsim.labels.boxes import target_boxes
+from warpsim.live import shown_images
+from warpsim.live.changes import changed_scene, changes
+from warpsim.live.curves import access_bars
+from warpsim.live.globe import _end_of_ray
+from warpsim.live.shown_images import FolderImages, RenderedImages, images_of
+from warpsim.live.sources import images_from
+from warpsim.live.tile import png, tile_html
+from warpsim.output.grey import grey
+from warpsim.plot.coastlines import coastlines_deg
+
+SENSORS, FRAME = ["sat11", "sat27"], 60
+
+
+@pytest.fixture(scope="module")
+def renderer(scene):
+    return ws.Renderer(scene, "cpu")
+
+
+class Parts(HTMLParser):
+    """Attributes of the elements of a tile, by tag."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.found = {}
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.found.setdefault(tag, []).append(dict(attrs))
+
+
+def picture_of(tile):
+    source = tile.found["img"][0]["src"]
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(source.partition(",")[2]))))
+
+
+def counts_of(tile):
+    (data,) = [part for part in tile.found["div"] if "data-counts" in part]
+    counts = np.frombuffer(base64.b64decode(data["data-counts"]), "<u2")
+    return counts.reshape(int(data["data-h"]), int(data["data-w"])), json.loads(data["data-marks"])
+
+
+def test_a_png_holds_the_grey_image():
+    image = np.random.default_rng(1).integers(0, 256, (5, 300), dtype=np.uint8)
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(png(image)))), image)
+
+
+def test_a_tile_holds_the_rendered_counts_boxes_and_truth(renderer):
+    frames = renderer.render([FRAME], SENSORS, "C")
+    shown = RenderedImages(renderer).at(FRAME, SENSORS, "C")
+    boxes = target_boxes(frames, shown_images.LEAST_BOX_PX)
+    for number, image in enumerate(shown):
+        tile = Parts(tile_html(image, 60.0, True, True))
+        counts, marks = counts_of(tile)
+        levels = frames.instrument.levels["C"]
+        np.testing.assert_array_equal(counts, frames.counts.numpy()[0, number, 0])
+        np.testing.assert_array_equal(picture_of(tile), grey(frames.counts.numpy()[0, number, 0], levels, 1024))
+        names = [rect["data-target"] for rect in tile.found["rect"]]
+        visible = boxes.visible[number, 0]
+        assert names == [name for name, seen in zip(frames.scenario.target_names, visible, strict=True) if seen]
+        drawn = [[float(rect[key]) for key in ("x", "y", "width", "height")] for rect in tile.found["rect"]]
+        np.testing.assert_allclose(drawn, boxes.box_px[number, 0][visible], atol=6e-4)
+        truth = frames.truth[(frames.truth["sensor"] == SENSORS[number])]
+        for name, x_px, y_px, snr in marks:
+            row = truth[truth["target"] == name][0]
+            assert abs(row["x_px"] - x_px) < 0.006 and abs(row["y_px"] - y_px) < 0.006
+            assert snr == f"{row['snr']:.3g}"
+
+
+def test_without_overlay_and_counts_a_tile_has_neither(renderer):
+    (image,) = RenderedImages(renderer).at(FRAME, SENSORS[:1], None)
+    tile = Parts(tile_html(image, 60.0, False, False))
+    assert "rect" not in tile.found and not any(part.get("data-counts") for part in tile.found["div"])
+    assert image.band == "A"
+
+
+def test_a_tile_does_not_run_what_names_hold(renderer):
+    (image,) = RenderedImages(renderer).at(FRAME, SENSORS[:1], "A")
+    evil = '"><script>alert(1)</script>'
+    marked = shown_images.replace(image, sensor=evil, marks=[shown_images.replace(image.marks[0], target=evil)])
+    tile = Parts(tile_html(marked, 60.0, True, True))
+    assert "script" not in tile.found and counts_of(tile)[1][0][0] == evil
+
+
+def test_the_part_about_the_targets_is_a_part(renderer):
+    (image,) = RenderedImages(renderer).at(FRAME, SENSORS[:1], "A")
+    part = image.about_targets()
+    left, top = part.corner_px
+    n_row, n_col = part.counts.shape
+    assert n_row < 128 and n_col < 128
+    np.testing.assert_array_equal(part.counts, image.counts[top : top + n_row, left : left + n_col])
+    for mark, whole in zip(part.marks, image.marks, strict=True):
+        assert (mark.x_px + left, mark.y_px + top) == pytest.approx((whole.x_px, whole.y_px))
+        assert mark.box_px[0] + left == pytest.approx(whole.box_px[0])
+        assert 0 <= mark.x_px < n_col and 0 <= mark.y_px < n_row
+
+
+def test_merging_targets_are_those_of_truth(renderer):
+    (image,) = RenderedImages(renderer).at(FRAME, SENSORS[:1], "A")
+    truth = renderer.truth([FRAME], SENSORS[:1], "A")
+    clumps = {}
+    for row in truth:
+        if row["clump_id"] >= 0:
+            clumps.setdefault(int(row["clump_id"]), set()).add(str(row["target"]))
+    assert {frozenset(c) for c in clumps.values() if len(c) > 1} == {frozenset(names) for names in image.merged}
+    assert image.merged
+
+
+def test_a_run_is_shown_as_it_was_written(renderer, scene, tmp_path):
+    ws.render_to_folder(scene, tmp_path / "run", frames=range(60, 63), sensors=SENSORS, bands=["A", "C"], device="cpu")
+    run = images_from(tmp_path / "run")
+    assert isinstance(run, FolderImages) and run.sensors == SENSORS and list(run.frames("sat11")) == [60, 61, 62]
+    for own, read in zip(RenderedImages(renderer).at(61, SENSORS, "C"), run.at(61, SENSORS, "C"), strict=True):
+        np.testing.assert_array_equal(read.counts, own.counts)
+        lit = {m.target: m for m in own.marks if 0 <= m.x_px < 128 and 0 <= m.y_px < 128}
+        assert [m.target for m in read.marks] == list(lit)
+        for mark in read.marks:
+            same = lit[mark.target]
+            assert mark.clump == same.clump
+            assert (mark.x_px, mark.y_px, mark.snr) == pytest.approx((same.x_px, same.y_px, same.snr))
+    assert run.at(70, SENSORS, "C") == [] and run.at(61, SENSORS, "E") == []
+
+
+def test_a_folder_of_neither_is_refused(tmp_path):
+    with pytest.raises(InputError, match="holds neither a run nor a data set"):
+        images_from(tmp_path)
+
+
+def test_changed_numbers_make_the_scene_that_replace_makes(scene):
+    found = changes(scene.scenario, "sat11")
+    labels = [change.label for change in found]
+    assert labels == ["field of view [deg]", "aperture [m]", "NEI [W/cm2]", "exposure [s]", "pointed at", "seed"]
+    values = {change.path: change.value for change in found} | {"sensors__0__camera__fov_deg": 2.0}
+    changed = changed_scene(scene.scenario, found, lambda change: values[change.path])
+    assert changed.to_dict() == scene.replace(camera__fov_deg=2.0).to_dict()
+    with pytest.raises(InputError, match="fov_deg"):
+        changed_scene(scene.scenario, found, lambda change: -1.0 if "fov" in change.path else change.value)
+
+
+def test_access_bars_tell_when_access_ends(scene):
+    bars = access_bars(scene.scenario, 600.0)
+    rows = scene.access(sensors="sat27")
+    for start_s, end_s in zip(rows["start_s"], rows["end_s"], strict=True):
+        assert f"{start_s:.4g} to {end_s:.4g} s" in bars
+    assert bars.count("<rect") == len(scene.access())
+
+
+def test_rays_end_on_the_ground_or_in_space():
+    np.testing.assert_allclose(_end_of_ray(np.array([0, 0, 8.0]), np.array([0, 0, -1.0]), 3.0), [0, 0, 6.378137])
+    np.testing.assert_allclose(_end_of_ray(np.array([0, 0, 8.0]), np.array([0, 0, -1.0]), 1.0), [0, 0, 7.0])
+    np.testing.assert_allclose(_end_of_ray(np.array([0, 0, 8.0]), np.array([0, 0, 1.0]), 3.0), [0, 0, 11.0])
+
+
+def test_coastlines_pass_where_coasts_are():
+    lines = coastlines_deg()
+    for lon_deg, lat_deg in ((-5.6, 36.0), (18.5, -34.3), (-67.3, -55.9), (142.0, 45.5)):  # Tarifa, the Capes, Soya
+        apart = np.hypot((lines[:, 0] - lon_deg) * np.cos(np.radians(lat_deg)), lines[:, 1] - lat_deg)
+        assert np.nanmin(apart) < 0.6
+    steps = np.abs(np.diff(lines, axis=0))
+    assert np.nanmax(steps) < 25  # no line across the map
+
+
+@pytest.mark.ci
+def test_the_page_shows_what_it_is_asked_for(renderer):
+    with ws.view(renderer, port=0, sensors=SENSORS, band="C") as page:
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+", page.url)
+        page.show(61)
+        assert page.frame == 61 and page.time_s == 610.0
+        expected = renderer.render([61], SENSORS, "C").counts.numpy()[0, :, 0]
+        np.testing.assert_array_equal([image.counts for image in page.shown], expected)
+        with pytest.raises(InputError, match=f"port: cannot be taken: address already in use, got {page.port}"):
+            ws.view(renderer, port=page.port)
+        frames = renderer.render(range(70, 73), SENSORS, ["A", "C"])
+        page.offer(frames)
+        deadline = time.monotonic() + 20
+        while page.frame != 72 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert page.frame == 72 and page.n_dropped == 2
+        np.testing.assert_array_equal([image.counts for image in page.shown], frames.counts.numpy()[2, :, 1])
+    with socket.socket() as probe:  # the port is free again
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind(("127.0.0.1", page.port))
+
+
+def test_images_of_a_stream_are_those_rendered(renderer):
+    frames = renderer.render([60, 64], SENSORS, ["A", "C"])
+    own = images_of(frames, 1, "C")
+    for image, alone in zip(own, RenderedImages(renderer).at(64, SENSORS, "C"), strict=True):
+        np.testing.assert_array_equal(image.counts, alone.counts)
+        assert image.marks == alone.marks
+
+
+def test_bad_names_are_refused_before_the_page_opens(renderer):
+    with pytest.raises(InputError, match="band: must be one of A, C, E"):
+        ws.view(renderer, port=0, band="Q")
+    with pytest.raises(InputError, match="sat99"):
+        ws.view(renderer, port=0, sensors="sat99")
+    with pytest.raises(InputError, match="port: must be in 0 to 65535"):
+        ws.view(renderer, port=70000)
+
+
+def test_without_viser_the_extra_is_named(renderer, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match="the extra `live` brings"):
+        ws.view(renderer, port=0)
+
+
+@pytest.mark.ci
+def test_recordings_hold_the_images(renderer, tmp_path):
+    with ws.view(renderer, port=0, sensors=SENSORS) as page:
+        ws.record(page, tmp_path / "page.gif", [60, 62])
+        ws.record(page, tmp_path / "page.html", [60, 62])
+        for path, frames, message in (
+            ("page.gif", [60], "is there already"),
+            ("page.txt", [60], "must end in one of .html, .mp4, .gif"),
+            ("new.gif", [], "must be one or more"),
+        ):
+            with pytest.raises(InputError, match=message):
+                ws.record(page, tmp_path / path, frames)
+    with Image.open(tmp_path / "page.gif") as film:
+        assert film.n_frames == 2 and film.size == (520, 260)
+    text = (tmp_path / "page.html").read_text()
+    assert text.lstrip().startswith("<!") and "http-equiv" not in text
+    assert not list(tmp_path.glob("*.partial*"))
+
+
+@pytest.mark.ci
+def test_a_page_follows_a_server(renderer):
+    pytest.importorskip("zmq")
+    from warpsim.live.follow import Follower
+
+    frames = range(60, 64)
+    with ws.view(renderer, port=0, sensors=SENSORS, band="C") as page:
+        server = ws.FrameServer(
+            renderer, frames, SENSORS, ["A", "C"], rate_hz=4.0, address="tcp://127.0.0.1:*", wait_for=1, late="send"
+        )
+        with server, Follower(page, server.address):
+            server.run()
+            deadline = time.monotonic() + 20
+            while page.frame != frames[-1] and time.monotonic() < deadline:
+                time.sleep(0.01)
+        assert page.frame == frames[-1]
+        expected = renderer.render(frames[-1:], SENSORS, "C").counts.numpy()[0, :, 0]
+        np.testing.assert_array_equal([image.counts for image in page.shown], expected)
+        assert all(image.marks for image in page.shown)
+        with pytest.raises(InputError, match="follow: cannot be reached"):
+            Follower(page, "nowhere")

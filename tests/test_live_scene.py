@@ -1,0 +1,116 @@
+"""The page's scene in three dimensions: bodies, lines and fields of view are where the scenario has them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from warpsim.live.globe import GlobeScene
+from warpsim.live.group_view import EXTENT, GroupView
+from warpsim.plot.group_figure import local_frame
+
+TIME_S = 600.0
+
+
+class Recorded:
+    """A scene that keeps what is added to it, by name."""
+
+    def __init__(self):
+        self.nodes = {}
+
+    def __getattr__(self, name):
+        assert name.startswith("add_")
+
+        def add(path, *args, **kwargs):
+            node = SimpleNamespace(kind=name, args=args, remove=lambda: self.nodes.pop(path), **kwargs)
+            self.nodes[path] = node
+            return node
+
+        return add
+
+
+def rotation_of(node):
+    return Rotation.from_quat(node.wxyz, scalar_first=True)
+
+
+@pytest.fixture(scope="module")
+def globe(scene):
+    recorded = Recorded()
+    GlobeScene(recorded, scene.scenario, ["sat11"]).show(TIME_S)
+    return recorded.nodes
+
+
+def points(nodes, name):
+    return np.asarray(nodes[f"/earth/{name}"].args[0], np.float64)
+
+
+def test_satellites_and_targets_stand_where_they_are(globe, scene):
+    scenario, at = scene.scenario, np.array([TIME_S])
+    seen = [name for name in scenario.sensor_names if scenario.has_access(name, at)[0]]
+    wanted = [scenario.position_m(name, at)[0] / 1e6 for name in seen]
+    np.testing.assert_allclose(points(globe, "observers"), wanted, atol=1e-5)
+    assert len(points(globe, "satellites")) == 28 - len(seen)
+    np.testing.assert_allclose(points(globe, "kind0"), scenario.position_m("center", at) / 1e6, atol=1e-6)
+    names = {path.removeprefix("/earth/name_") for path in globe if path.startswith("/earth/name_")}
+    assert names == set(seen)
+    sights = points(globe, "sights")
+    np.testing.assert_allclose(sights[:, 0], wanted, atol=1e-5)
+    np.testing.assert_allclose(
+        sights[:, 1], np.tile(scenario.position_m("center", at) / 1e6, (len(seen), 1)), atol=1e-5
+    )
+
+
+def test_the_field_of_view_is_the_cameras(globe, scene):
+    scenario, at = scene.scenario, np.array([TIME_S])
+    fields = points(globe, "fields")
+    edges = fields[:4, 1] - fields[:4, 0]
+    rays = edges / np.linalg.norm(edges, axis=1)[:, None]
+    boresight = scenario.view_axes("sat11", at)[0, 2]
+    np.testing.assert_allclose(np.degrees(np.arccos(rays @ boresight)), np.sqrt(2) / 2, rtol=2e-3)
+    np.testing.assert_allclose(np.degrees(np.arccos(rays[0] @ rays[1])), 1.0, rtol=2e-3)
+    np.testing.assert_allclose(fields[:4, 0], np.tile(scenario.position_m("sat11", at) / 1e6, (4, 1)), atol=1e-5)
+
+
+def test_the_earth_turns_and_the_sun_stands_at_noon(globe, scene):
+    from astropy.coordinates import EarthLocation, get_sun
+    from astropy.time import TimeDelta
+
+    time = scene.epoch + TimeDelta(TIME_S, format="sec")
+    place = EarthLocation.from_geodetic(20.0, 50.0)
+    gcrs = place.get_gcrs(time).cartesian.xyz.to_value("m")
+    itrs = place.get_itrs(time).cartesian.xyz.to_value("m")
+    turned = rotation_of(globe["/earth/globe"]).apply(itrs)
+    assert np.linalg.norm(turned - gcrs) < 100.0  # metres: other polar motion
+    sun = get_sun(time).cartesian.xyz.value
+    towards = np.asarray(globe["/earth/sun"].position)
+    assert np.degrees(np.arccos(towards @ sun / np.linalg.norm(towards) / np.linalg.norm(sun))) < 0.02
+
+
+def test_bodies_stand_and_turn_as_in_the_scenario(scene):
+    scenario, at, recorded = scene.scenario, np.array([TIME_S]), Recorded()
+    GroupView(recorded, scenario).show(TIME_S)
+    position_m, velocity_m_s = scenario.tracks.target_state(0, at)
+    radial, along, cross = local_frame(position_m[0], velocity_m_s[0])
+    local = np.stack([along, cross, radial])
+    offsets = np.array([local @ (scenario.position_m(name, at)[0] - position_m[0]) for name in scenario.target_names])
+    bodies = [recorded.nodes[f"/group/body{number}"] for number in range(30)]
+    scale = EXTENT / np.abs(offsets).max()
+    np.testing.assert_allclose([body.position for body in bodies], scale * offsets, atol=1e-6)
+    for name, body in zip(scenario.target_names, bodies, strict=True):
+        axis = local @ scenario.body_axis(name, at)[0]
+        np.testing.assert_allclose(rotation_of(body).apply([0, 0, 1]), axis, atol=1e-9)
+        assert body.visible
+
+
+def test_absent_bodies_are_hidden(scene):
+    late = scene.replace(groups__0__start_s=300.0, frames__count=1)
+    recorded = Recorded()
+    view = GroupView(recorded, late.scenario)
+    for time_s, there in ((100.0, False), (400.0, True)):
+        view.show(time_s)
+        assert all(
+            node.visible is there for path, node in recorded.nodes.items() if path.count("/") == 2 and "body" in path
+        )

@@ -1,0 +1,118 @@
+"""Curves of targets over time, and bars of access, as parts of a page."""
+
+from __future__ import annotations
+
+import html
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpsim.plot.figure import plain
+from warpsim.render.light_curves import light_curves
+from warpsim.scene.scenario import Scenario
+
+F64 = NDArray[np.float64]
+
+N_TIME = 400
+"""Times of a curve over the whole scene."""
+
+QUANTITIES = ("SNR", "irradiance [W/cm2]", "range [km]", "aspect [deg]", "temperature [K]", "projected area [m2]")
+
+_COLOURS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442")
+_BAR, _GAP, _LEFT, _WIDTH, _RIGHT = 12, 4, 60, 260, 190
+
+
+class Curves:
+    """A chart of one quantity of a target as a sensor sees it, with a mark at the instant that the page shows.
+
+    Args:
+        gui: The server's `gui`.
+        scenario: What is shown.
+    """
+
+    def __init__(self, gui: Any, scenario: Scenario) -> None:
+        self._gui, self.folder = gui, gui.add_folder("Curves")
+        self._plot: Any = None
+        self._time_s = np.linspace(0.0, scenario.scene.duration_s, N_TIME)
+        self._lines: dict[str, F64] = {}
+
+    def choose(self, scenario: Scenario, sensor: str, target: str, band: str, quantity: str) -> None:
+        """Draw another curve."""
+        curves = light_curves(scenario, self._time_s, [sensor], [target], [band])
+        lit = np.where(curves.irradiance_w_cm2[:, 0, 0, 0] > 0, 1.0, np.nan)
+        if quantity == QUANTITIES[1]:
+            self._lines = {name: lit * values[:, 0, 0, 0] for name, values in curves.terms_w_cm2.items()}
+        else:
+            values = {
+                QUANTITIES[0]: lit * curves.snr[:, 0, 0, 0],
+                QUANTITIES[2]: curves.range_km[:, 0, 0],
+                QUANTITIES[3]: curves.aspect_deg[:, 0, 0],
+                QUANTITIES[4]: curves.temperature_k[:, 0, 0],
+                QUANTITIES[5]: curves.projected_area_m2[:, 0, 0],
+            }
+            self._lines = {quantity: values[quantity]}
+        if self._plot is not None:
+            self._plot.remove()
+        series = [{"label": "t [s]"}, *({"label": name, "stroke": c, "width": 1.5} for name, c in self._coloured())]
+        mark = {"label": "now", "stroke": "#ff6b4a", "width": 0, "points": {"show": True, "size": 9}}
+        axis = {"stroke": "#aaa", "grid": {"stroke": "#333"}}
+        scales = {"x": {"time": False, "range": (0.0, self._time_s[-1])}, "y": {"range": self._range()}}
+        with self.folder:
+            self._plot = self._gui.add_uplot(
+                data=self._data(0.0), series=(*series, mark), height=170, scales=scales, axes=(axis, axis),
+                title=f"{target} from {sensor}, band {band}: {quantity}",
+            )  # fmt: skip
+
+    def _range(self) -> tuple[float, float]:
+        """Of the vertical axis: all values, and some room."""
+        values = np.concatenate(list(self._lines.values()))
+        values = values[np.isfinite(values)]
+        low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
+        room = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
+        return low - room, high + room
+
+    def _coloured(self) -> list[tuple[str, str]]:
+        return [(name, _COLOURS[i % len(_COLOURS)]) for i, name in enumerate(self._lines)]
+
+    def _data(self, time_s: float) -> tuple[F64, ...]:
+        first = next(iter(self._lines.values()))
+        now = np.full(N_TIME, np.nan)
+        nearest = int(np.argmin(np.abs(self._time_s - time_s)))
+        now[nearest] = first[nearest]
+        return (self._time_s, *self._lines.values(), now)
+
+    def show(self, time_s: float) -> None:
+        """Move the mark to an instant [s after the epoch]."""
+        if self._plot is not None:
+            self._plot.data = self._data(time_s)
+
+
+def access_bars(scenario: Scenario, time_s: float) -> str:
+    """Return bars of the sensors with access, with begin and end in words, and a line at an instant, as HTML."""
+    duration_s = scenario.scene.duration_s
+    rows: list[tuple[str, list[tuple[float, float]]]] = []
+    for instrument in scenario.instruments.values():
+        access = instrument.access
+        for row in sorted(set(access.row.tolist())):
+            own = access.row == row
+            rows.append((instrument.names[row], list(zip(access.start_s[own], access.end_s[own], strict=True))))
+    height = (_BAR + _GAP) * len(rows)
+    parts = []
+    for number, (name, spans) in enumerate(rows):
+        y = number * (_BAR + _GAP)
+        now = any(start <= time_s <= end for start, end in spans)
+        words = ", ".join(f"{plain(start, 4)} to {plain(end, 4)} s" for start, end in spans)
+        parts.append(f'<text x="{_LEFT - 6}" y="{y + 10}" text-anchor="end" fill="#bbb">{html.escape(name)}</text>')
+        for start, end in spans:
+            x, width = _LEFT + _WIDTH * start / duration_s, max(_WIDTH * (end - start) / duration_s, 1.0)
+            colour = "#009e73" if now else "#35584d"
+            parts.append(f'<rect x="{x:.1f}" y="{y}" width="{width:.1f}" height="{_BAR}" fill="{colour}"/>')
+        parts.append(f'<text x="{_LEFT + _WIDTH + 6}" y="{y + 10}" fill="#888">{words}</text>')
+    x = _LEFT + _WIDTH * time_s / duration_s
+    parts.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="0" y2="{height}" stroke="#ff6b4a" stroke-width="2"/>')
+    return (
+        f'<div style="padding:0 10px;font:11px sans-serif;color:#bbb">access [s after the epoch]<svg '
+        f'viewBox="0 0 {_LEFT + _WIDTH + _RIGHT} {height}" style="width:100%;display:block" font-size="10">'
+        f"{''.join(parts)}</svg></div>"
+    )

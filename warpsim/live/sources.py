@@ -1,0 +1,63 @@
+"""What can be looked at: scenes, renderers, runs, sequences of data sets."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from warpsim.dataset.rebuild import rebuild_sequence
+from warpsim.errors import InputError
+from warpsim.files import read_json
+from warpsim.live.shown_images import FolderImages, Images, RenderedImages
+from warpsim.live.view import PORT, View
+from warpsim.output.output_folder import MANIFEST
+from warpsim.render.renderer import Renderer
+from warpsim.scene.scenario import Scenario
+from warpsim.scene.scene import Scene
+
+
+def view(
+    source: Scene | Scenario | Renderer | str | os.PathLike[str],
+    port: int = PORT,
+    sensors: str | Sequence[str] | None = None,
+    band: str | None = None,
+    sequence: int = 0,
+) -> View:
+    """Open a page in the browser's reach that shows a scene, its images and their truth: `view(scene).run()`.
+
+    The page stands at `.url`, on this machine alone, until `.run()` meets Ctrl-C or `.close()` is called.
+
+    Args:
+        source: A scene, its scenario, or a renderer of it: frames are rendered as the page asks for them. Or a path: of
+            a scene file, of the folder of a run, whose images are read back, or of a data set, of which a sequence is
+            rendered again.
+        port: TCP port on this machine; 0 chooses a free one.
+        sensors: Sensors whose images are shown; the first six that have access when left out.
+        band: Band that is shown; the first one of each sensor when left out.
+        sequence: Number of the sequence of a data set.
+
+    Returns:
+        The page: `.show(frame)`, `.offer(frames)` for a stream's, `.run()`, `.close()`.
+
+    Raises:
+        InputError: viser (extra `live`) is not installed, the port is in use, an unknown sensor or band, or a path that
+            holds none of these.
+    """
+    return View(images_from(source, sequence), port, sensors, band)
+
+
+def images_from(source: Scene | Scenario | Renderer | str | os.PathLike[str], sequence: int = 0) -> Images:
+    """Return the images of what `view` takes."""
+    if isinstance(source, Renderer):
+        return RenderedImages(source)
+    if isinstance(source, Scene | Scenario):
+        return RenderedImages(Renderer(source))
+    if Path(source).is_dir():
+        manifest = read_json(Path(source) / MANIFEST)
+        if isinstance(manifest, dict) and "recipe" in manifest:
+            return RenderedImages(Renderer(rebuild_sequence(source, sequence).scene))
+        if isinstance(manifest, dict):
+            return FolderImages(source)
+        raise InputError(f"holds neither a run nor a data set: {MANIFEST} is missing").of(source)
+    return RenderedImages(Renderer(Scene.load(source)))

@@ -1,0 +1,351 @@
+"""The page: what shows when, and the thread that keeps it up to date."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import io
+import os
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any, Self
+
+import numpy as np
+
+from warpsim.directions import normalised
+from warpsim.errors import InputError
+from warpsim.instant import utc_dates
+from warpsim.live.changes import changed_scene
+from warpsim.live.controls import EARTH, GROUP, Controls, SceneControls
+from warpsim.live.curves import access_bars
+from warpsim.live.globe import GlobeScene
+from warpsim.live.group_view import GroupView
+from warpsim.live.shown_images import Images, RenderedImages, ShownImage, images_of
+from warpsim.live.tile import tile_html
+from warpsim.render.frameset import FrameSet
+
+PORT = 8080
+"""Of the page."""
+
+MOST_TILES = 6
+"""Sensors whose images are shown at first."""
+
+MOST_LOAD = 0.1
+"""Part of a core that the page takes while it follows frames that somebody else renders."""
+
+_COUNTS_PX = 256 * 256  # larger images travel without their counts while they play
+
+
+class View:
+    """A page at http://127.0.0.1:PORT that shows a scene at one instant, or plays it; all clients see the same.
+
+    A context, which closes the page at its end.
+
+    Args:
+        images: Where images come from.
+        port: TCP port; 0 chooses a free one.
+        sensors: Sensors whose images are shown; the first few that have access when left out.
+        band: Band that is shown; the first one of each sensor when left out.
+
+    Raises:
+        InputError: viser (extra `live`) is not installed, the port is in use, or an unknown sensor or band.
+    """
+
+    def __init__(
+        self, images: Images, port: int = PORT, sensors: str | Sequence[str] | None = None, band: str | None = None
+    ) -> None:
+        if importlib.util.find_spec("viser") is None:
+            raise InputError("needs viser, which the extra `live` brings: pip install 'warpsim[live]'").of("view")
+        import viser
+
+        self.images, self.scenario = images, images.scenario
+        chosen = images.sensors[:MOST_TILES] if sensors is None else self.scenario.select_sensors(sensors)
+        if band is not None and band not in self.scenario.bands:
+            raise InputError(f"must be one of {', '.join(self.scenario.bands)}", "band", band)
+        self.port = _free_port(port)
+        with contextlib.redirect_stdout(io.StringIO()):  # it prints a frame about its address
+            self.server: Any = viser.ViserServer(host="127.0.0.1", port=self.port, label="warpsim", verbose=False)
+        self.url = f"http://127.0.0.1:{self.port}"
+        self.shown: list[ShownImage] = []
+        """Images of the frame that the page shows."""
+        self.frame = -1
+        """Number of the frame that the page shows."""
+        self.n_dropped = 0
+        """Frames that were not shown, as the page could not keep up."""
+        self.sensors = list(chosen)
+        """Sensors whose images are shown."""
+        self._lock, self._work, self._stop = threading.Lock(), threading.Event(), threading.Event()
+        self._latency_s: deque[float] = deque(maxlen=200)
+        self._shown_at: deque[float] = deque(maxlen=60)
+        self._playing = self._again = False
+        self._offered: tuple[int, Callable[[str | None], list[ShownImage]]] | None = None
+        self._problem = ""
+        self._set_up(band)
+        self.show(int(self._controls.slider.value))
+        self._wanted = self.frame
+        self._thread = threading.Thread(target=self._keep_up, name="warpsim view", daemon=True)
+        self._thread.start()
+
+    def _set_up(self, band: str | None) -> None:
+        """Lay out the page."""
+        server, scenario = self.server, self.scenario
+        server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False, control_width="large")
+        server.scene.set_up_direction("+z")
+        server.scene.configure_default_lights(False)
+        server.initial_camera.position = self._camera(EARTH)
+        self._globe = GlobeScene(server.scene, scenario, self.sensors)
+        self._group = GroupView(server.scene, scenario) if scenario.targets else None
+        frames = sorted({frame for sensor in self.sensors for frame in self.images.frames(sensor)} or {0})
+        self.frames, self._last = frames, frames[-1]
+        controls = Controls(server.gui, scenario, self.sensors, (frames[0], self._last, self._first_frame(frames)))
+        self._controls = controls
+        if band is not None:
+            controls.band.value = band
+        controls.slider.on_update(lambda _: self._ask(int(controls.slider.value)))
+        controls.buttons.on_click(lambda _: self._press(controls.buttons.value))
+        controls.view.on_update(lambda _: self._look_at(controls.view.value))
+        controls.when_changed(self._ask_again, self._draw_curve)
+        self._draw_curve()
+        if isinstance(self.images, RenderedImages) and self.sensors:
+            self._scene_controls = SceneControls(server.gui, scenario, self.sensors[0], self._change)
+        panel = server.gui.add_panel()
+        with panel.add_tab("Images"):
+            self._tiles = [server.gui.add_html("") for _ in range(max(len(self.sensors), 1))]
+        panel.dock_left()
+        panel.set_width(330)
+        server.gui.main_panel.dock_right()
+
+    def _first_frame(self, frames: list[int]) -> int:
+        """The middle of the first shown sensor's access, so that there is something to see."""
+        if not self.sensors:
+            return frames[0]
+        instrument = self.scenario.instrument_of(self.sensors[0])
+        seen = instrument.has_access(instrument.index(self.sensors[0]), instrument.frame_time_s(frames))
+        with_access = np.flatnonzero(seen)
+        return frames[int(with_access[len(with_access) // 2])] if len(with_access) else frames[0]
+
+    def _camera(self, what: str) -> tuple[float, float, float]:
+        """Where the page's camera stands at first: above the first target, or behind and above the group."""
+        if what == GROUP:
+            return (-7.0, -10.0, 5.0)
+        scenario = self.scenario
+        middle = np.array([0.5 * scenario.scene.duration_s])
+        body = (scenario.target_names or scenario.satellite_names)[0]
+        x, y, z = 26.0 * normalised(scenario.position_m(body, middle)[0])
+        return float(x), float(y), float(z)
+
+    @property
+    def time_s(self) -> float:
+        """Time of the frame that the page shows, after the epoch [s]."""
+        kind = self.scenario.instrument_of(self.sensors[0]) if self.sensors else self.scenario.instrument
+        return float(kind.frame_time_s([max(self.frame, 0)])[0])
+
+    def show(self, frame: int) -> None:
+        """Show a frame; returns when the page was sent what there is to see."""
+        with self._lock:
+            begin = time.perf_counter()
+            self._update_sensors()
+            self.shown = self.images.at(frame, self.sensors, self._controls.chosen_band)
+            self._show(frame, begin)
+
+    def offer(self, frames: FrameSet) -> None:
+        """Give the page rendered frames, of which it shows the last one when it has time; returns at once.
+
+        For a loop over `Renderer.stream(...)`: the page takes little of the time of the one who renders
+        (`MOST_LOAD`), and counts the frames that it did not show.
+        """
+        self.n_dropped += len(frames.frames) - 1
+
+        def last(band: str | None) -> list[ShownImage]:
+            return images_of(frames, len(frames.frames) - 1, band if band in frames.bands else frames.bands[0])
+
+        self.offer_images(frames.frames[-1], last)
+
+    def offer_images(self, frame: int, images: Callable[[str | None], list[ShownImage]]) -> None:
+        """Give the page the images of a frame as a function of the band that it shows; as `offer`."""
+        self.n_dropped += self._offered is not None
+        self._offered = frame, images
+        self._work.set()
+
+    def _show_offered(self, frame: int, images: Callable[[str | None], list[ShownImage]]) -> None:
+        with self._lock:
+            begin = time.perf_counter()
+            by_sensor = {image.sensor: image for image in images(self._controls.chosen_band)}
+            self.shown = [by_sensor[sensor] for sensor in self.sensors if sensor in by_sensor]
+            self._show(frame, begin)
+
+    def _show(self, frame: int, begin: float) -> None:
+        """Send the images and move what there is in three dimensions."""
+        self.frame, controls = frame, self._controls
+        by_sensor = {image.sensor: image for image in self.shown}
+        time_s = self.time_s
+        with self.server.atomic():
+            for tile, sensor in zip(self._tiles, self.sensors, strict=False):
+                tile.content = self._tile(by_sensor[sensor]) if sensor in by_sensor else f"{sensor}: no image"
+            for tile in self._tiles[len(self.sensors) :]:
+                tile.content = ""
+            if self._group is not None and controls.view.value == GROUP:
+                self._group.show(time_s)
+            else:
+                self._globe.show(time_s)
+            controls.curves.show(time_s)
+            controls.access.content = access_bars(self.scenario, time_s)
+            if int(controls.slider.value) != frame:
+                controls.slider.value = frame
+        self._latency_s.append(time.perf_counter() - begin)
+        self._shown_at.append(time.perf_counter())
+        controls.status.content = self._status_html()
+
+    def _tile(self, image: ShownImage) -> str:
+        controls = self._controls
+        with_counts = not self._playing or image.counts.size <= _COUNTS_PX
+        image = image.about_targets() if controls.crop.value else image
+        return tile_html(image, controls.ceiling.value, controls.overlay.value, with_counts)
+
+    def _status_html(self) -> str:
+        date = utc_dates(self.scenario.scene.epoch_utc, [self.time_s])[0]
+        p50_ms, p99_ms = 1e3 * np.percentile(self._latency_s, [50, 99])
+        since_s = self._shown_at[-1] - self._shown_at[0]
+        rate = f"{(len(self._shown_at) - 1) / since_s:.1f} frames/s, " if since_s > 0 else ""
+        problem = f'<div style="color:#ff6b4a">{self._problem}</div>' if self._problem else ""
+        return (
+            '<div class="status" style="padding:0 10px;font:12px sans-serif">'
+            f"frame {self.frame}, {self.time_s:g} s, {date} UTC<br>"
+            f"{rate}sent within {p50_ms:.0f} ms (99 %: {p99_ms:.0f} ms), {self.n_dropped} dropped{problem}</div>"
+        )
+
+    def _update_sensors(self) -> None:
+        """Take other sensors where the page asks for them; what is not a sensor leaves the tiles as they are."""
+        names = self._controls.chosen_sensors
+        try:
+            chosen = self.scenario.select_sensors(names)[: len(self._tiles)] if names else []
+            self.sensors = self._globe.sensors = chosen
+        except InputError as error:
+            self._say(error)
+
+    def _draw_curve(self) -> None:
+        if self.scenario.targets and self.images.sensors:
+            self._controls.draw_curve(self.scenario)
+            self._controls.curves.show(self.time_s)
+
+    def _change(self) -> None:
+        """Render another scene from now on: the one with the numbers of the page."""
+        try:
+            with self._lock:
+                if not isinstance(self.images, RenderedImages):
+                    return
+                known = self._scene_controls
+                scene = changed_scene(self.images.renderer.scenario, known.changes, known.value)
+                self.images = RenderedImages(self.images.renderer.with_scene(scene))
+                self.scenario = self._globe.scenario = self.images.scenario
+                if self._group is not None:
+                    self._group.scenario = self.scenario
+                known.changes = [change._replace(value=known.value(change)) for change in known.changes]
+                self._problem = ""
+        except InputError as error:
+            self._say(error)
+        self._draw_curve()
+        self._ask_again()
+
+    def _say(self, error: InputError) -> None:
+        import html
+
+        self._problem = html.escape(str(error))
+
+    def _press(self, what: str) -> None:
+        self._playing = what == "play"
+        if what == "step":
+            self._controls.slider.value = min(int(self._controls.slider.value) + 1, self._last)
+            self._ask(int(self._controls.slider.value))
+        self._work.set()
+
+    def _look_at(self, what: str) -> None:
+        self._globe.root.visible = what == EARTH
+        if self._group is not None:
+            self._group.root.visible = what == GROUP
+        for client in self.server.get_clients().values():
+            client.camera.position = self._camera(what)
+            client.camera.look_at = (0.0, 0.0, 0.0)
+        self._ask_again()
+
+    def _ask(self, frame: int) -> None:
+        """Let the thread show a frame."""
+        self._wanted = frame
+        self._work.set()
+
+    def _ask_again(self) -> None:
+        """Let the thread show the same frame once more."""
+        self._again = True
+        self._work.set()
+
+    def _keep_up(self) -> None:
+        """Show what is asked for, and the next frames while playing, until the page is closed."""
+        begin_s, begin, was_playing = 0.0, 0, False
+        while not self._stop.is_set():
+            offered, self._offered = self._offered, None
+            if offered is not None:
+                self._show_offered(*offered)
+                self._wanted = self.frame
+                self._stop.wait(self._latency_s[-1] * (1 / MOST_LOAD - 1))
+            elif self._playing:
+                now_s = time.perf_counter()
+                if not was_playing:
+                    begin_s, begin = now_s, self.frame
+                self._play_on(self._next_frame(begin, now_s - begin_s))
+                self._wanted = self.frame
+            elif self._wanted != self.frame or self._again:
+                self._again = False
+                self.show(self._wanted)
+            else:
+                self._work.wait(0.2)
+                self._work.clear()
+            was_playing = self._playing
+
+    def _play_on(self, frame: int) -> None:
+        if frame > self.frame:
+            self.n_dropped += frame - self.frame - 1
+            self.show(frame)
+        else:
+            self._stop.wait(0.005)
+        self._playing = self._playing and frame < self._last
+
+    def _next_frame(self, begin: int, passed_s: float) -> int:
+        """The frame of now, while playing."""
+        interval_s = self.scenario.instrument_of(self.sensors[0]).frames.interval_s if self.sensors else 1.0
+        return min(begin + int(passed_s * float(self._controls.speed.value) / interval_s), self._last)
+
+    def run(self) -> None:
+        """Keep the page until Ctrl-C."""
+        with contextlib.suppress(KeyboardInterrupt):
+            while not self._stop.wait(0.5):
+                pass
+
+    def close(self) -> None:
+        """Take the page away."""
+        self._stop.set()
+        self._work.set()
+        self._thread.join()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server.stop()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _free_port(port: int) -> int:
+    """Return the port if it is free, another free one for 0."""
+    if not 0 <= port < 65536:
+        raise InputError("must be in 0 to 65535", "port", port)
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise InputError(f"cannot be taken: {os.strerror(error.errno or 0).lower()}", "port", port) from None
+        return int(probe.getsockname()[1])
