@@ -103,6 +103,7 @@ LINES = {
     ),
     "Motion": (
         "Attitude after 1e6 s at 5 rev/s",
+        "Torque-free attitude after 1,000 rotations",
         "Body axis after 1e6 s at 5 rev/s, in the kernel",
         "Orbit with J2 over 1614 s",
         "Orbit with J2 to J4 over 1614 s",

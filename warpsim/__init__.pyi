@@ -83,6 +83,7 @@ from warpsim.target.temperature import TemperatureTable as TemperatureTable
 from warpsim.target.temperature import HeatBalance as HeatBalance
 from warpsim.target.attitude import Attitude as Attitude
 from warpsim.target.attitude_table import AttitudeTable as AttitudeTable
+from warpsim.target.torque_free import TorqueFree as TorqueFree
 
 # optics
 from warpsim.optics.camera import Camera as Camera

@@ -21,6 +21,7 @@ from warpsim.legendre import series_matrix
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr
+from warpsim.scene.attitudes import AnyAttitude
 from warpsim.scene.environment import Lighting
 from warpsim.scene.exposure import ExposureRule
 from warpsim.scene.instrument import Instrument
@@ -30,10 +31,10 @@ from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.areas import body_struct, facets_of
 from warpsim.target.attitude import BodyMotion
-from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.earth_light import albedo_degree, albedo_table, infrared_table
 from warpsim.target.surface import Graybody, Light
 from warpsim.target.temperature import TemperatureRows
+from warpsim.target.torque_free import Nutation, TorqueFreeMotion
 
 F64 = npt.NDArray[np.float64]
 
@@ -60,6 +61,7 @@ def make_target_field(
 ) -> TargetField:
     """Put the targets of a scene on a device, as an instrument sees them."""
     attitudes, attitude_spans = make_attitudes(scenario.attitudes, device)
+    nutations, nutation_spans = make_nutations(scenario.attitudes, device)
     temperatures, temperature_spans, span_k = make_temperatures(scenario.temperatures, device)
     targets, terms = scenario.targets, instrument.light_terms
     own_bands = [instrument.bands[name] for name in bands]
@@ -72,6 +74,7 @@ def make_target_field(
     streaks, rolling = instrument.sensor.streaks, with_profiles and instrument.sensor.rolls
     features = Features(
         attitude_tables=any(count for _, count in attitude_spans),
+        torque_free=any(count for _, count in nutation_spans),
         meshes=any(facets.count),
         albedo_degree=degree,
         profile=with_profiles and streaks,
@@ -83,7 +86,8 @@ def make_target_field(
     exposure = _exposure(instrument.exposure_rule, device)
     tables: Any = Tables()
     tables.attitudes, tables.facets, tables.temperatures = attitudes, facets.facets, temperatures
-    structs = _target_structs(scenario, attitude_spans, temperature_spans, facets.first)
+    tables.nutations = nutations
+    structs = _target_structs(scenario, attitude_spans, temperature_spans, nutation_spans, facets.first)
     bodies: Any = Bodies()
     bodies.targets = wp.array(structs, dtype=Target, device=device)
     bodies.tables, bodies.exposure = tables, exposure
@@ -115,6 +119,7 @@ def _target_structs(
     scenario: Scenario,
     attitude_spans: list[tuple[int, int]],
     temperature_spans: list[tuple[int, int]],
+    nutation_spans: list[tuple[int, int]],
     first_facet: list[int],
 ) -> list[Any]:
     structs = []
@@ -124,6 +129,7 @@ def _target_structs(
         target.attitude = motion_struct(attitude)
         target.table_first, target.table_count = attitude_spans[number]
         target.temperature_first, target.temperature_count = temperature_spans[number]
+        target.nutation_first, target.nutation_count = nutation_spans[number]
         structs.append(target)
     return structs
 
@@ -216,9 +222,7 @@ def _rows_once(tables: Sequence[Any]) -> tuple[list[Any], list[tuple[int, int]]]
     ]
 
 
-def make_attitudes(
-    attitudes: Sequence[BodyMotion | AttitudeRows], device: wp.Device
-) -> tuple[Any, list[tuple[int, int]]]:
+def make_attitudes(attitudes: Sequence[AnyAttitude], device: wp.Device) -> tuple[Any, list[tuple[int, int]]]:
     """Put the attitude tables of all targets on a device, each once; return them, and first row and count of each."""
     distinct, spans = _rows_once(attitudes)
     tables: Any = AttitudeTables()
@@ -228,10 +232,27 @@ def make_attitudes(
     return tables, spans
 
 
-def motion_struct(attitude: BodyMotion | AttitudeRows) -> Any:
+def make_nutations(attitudes: Sequence[AnyAttitude], device: wp.Device) -> tuple[wp.array, list[tuple[int, int]]]:
+    """Put the nutations of all targets that turn freely on a device, each once; return first row and count of each."""
+    own = [attitude.nutation if isinstance(attitude, TorqueFreeMotion) else None for attitude in attitudes]
+    first: dict[Nutation | None, tuple[int, int]] = {None: (0, 0)}
+    rows, n_row = [np.zeros((0, 2, 4))], 0
+    for nutation in dict.fromkeys(own):
+        if nutation is not None:
+            first[nutation] = n_row, len(nutation.quaternion)
+            rows.append(np.stack([nutation.quaternion, nutation.step], axis=1))
+            n_row += len(nutation.quaternion)
+    return wp.array(np.concatenate(rows), dtype=wp.quatd, device=device), [first[nutation] for nutation in own]
+
+
+def motion_struct(attitude: AnyAttitude) -> Any:
     """A motion as the kernels' struct; for a table, one that is not read."""
     struct: Any = AttitudeStruct()
-    if isinstance(attitude, AttitudeRows):
+    if isinstance(attitude, TorqueFreeMotion):
+        struct.reference, struct.first, struct.second = (wp.vec3d(*axis) for axis in attitude.axes)
+        struct.precession_rev_s = attitude.nutation.precession_rev_s
+        struct.spin_rev_s = attitude.nutation.rate_rev_s
+    if not isinstance(attitude, BodyMotion):
         return struct
     motion, frame = attitude.attitude, attitude.frame
     struct.reference, struct.first, struct.second = (wp.vec3d(*axis) for axis in frame.axes)

@@ -20,6 +20,7 @@ from warpsim.target.attitude_table import AttitudeTable
 from warpsim.target.shapes import Shape
 from warpsim.target.surface import Graybody
 from warpsim.target.temperature import HeatBalance, Temperature, TemperatureTable
+from warpsim.target.torque_free import TorqueFree
 
 SPREAD_PARTS = ("shape", "surface", "temperature", "attitude")
 """Parts of a target whose numbers may differ from member to member."""
@@ -53,7 +54,12 @@ Trajectory = Annotated[Orbit, BeforeValidator(of_kind("ballistic_arc"))]
 """Path of a main target; what names no kind is a ballistic arc."""
 AnyConstellation = Annotated[Constellation, BeforeValidator(of_kind("walker"))]
 """What names no kind is a Walker pattern."""
-AnyAttitude = Annotated[Annotated[Attitude, Tag("motion")] | Annotated[AttitudeTable, Tag("table")], kind_or("motion")]
+AnyAttitude = Annotated[
+    Annotated[Attitude, Tag("motion")]
+    | Annotated[AttitudeTable, Tag("table")]
+    | Annotated[TorqueFree, Tag("torque_free")],
+    kind_or("motion"),
+]
 AnyTemperature = Annotated[
     Annotated[Temperature, Tag("linear")]
     | Annotated[TemperatureTable, Tag("table")]
@@ -124,7 +130,7 @@ class TargetSpec:
         shape: Sphere, Cylinder, Cone, Frustum, Plate or Mesh.
         surface: Reflectance or emissivity, by band or for all.
         temperature: While the target is there: Temperature (linear), TemperatureTable or HeatBalance.
-        attitude: How it turns: Attitude, or AttitudeTable.
+        attitude: How it turns: Attitude, AttitudeTable or TorqueFree.
         count: How many.
         release: How these leave the main target; as the group's others when left out.
         class_: What a classifier is to call it (`class` in a file); the name when left out.
