@@ -274,8 +274,8 @@ def test_scenes_with_tables_load_back_equal(tabled, tmp_path, ending):
 @pytest.mark.parametrize(
     ("attitude", "message"),
     [
-        ({"kind": "tabel"}, r"targets\[1\]\.attitude\.kind: must be one of 'motion', 'table', got 'tabel'"),
-        ({"kind": ["table"]}, r"targets\[1\]\.attitude\.kind: must be one of 'motion', 'table', got"),
+        ({"kind": "tabel"}, r"targets\[1\]\.attitude\.kind: must be one of 'motion', 'table', 'torque_free', got 'tabel'"),
+        ({"kind": ["table"]}, r"targets\[1\]\.attitude\.kind: must be one of 'motion', 'table', 'torque_free', got"),
         ({"kind": "table"}, r"targets\[1\]\.attitude: file, time_s: exactly one"),
         ({"kind": "table", "spin_rev_s": 1.0, "file": "x"}, r"\.attitude\.spin_rev_s: is not a known field"),
         ({"quaternions": [IDENTITY]}, r"targets\[1\]\.attitude\.quaternions: is not a known field"),
