@@ -78,6 +78,7 @@ from warpsim.target.shapes import Plate as Plate
 from warpsim.target.mesh import Mesh as Mesh
 from warpsim.target.surface import Graybody as Graybody
 from warpsim.target.surface import ByWavelength as ByWavelength
+from warpsim.target.patches import Patch as Patch
 from warpsim.target.temperature import Temperature as Temperature
 from warpsim.target.temperature import TemperatureTable as TemperatureTable
 from warpsim.target.temperature import HeatBalance as HeatBalance

@@ -43,6 +43,7 @@ class Features(NamedTuple):
     spectral: bool = False  # a target's surface is given by wavelength
     rolling: bool = False  # each target is seen at the time of its own row
     torque_free: bool = False  # a target turns freely by its moments of inertia
+    patches: bool = False  # a target has patches of other surfaces
 
 
 @wp.struct

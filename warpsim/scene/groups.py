@@ -17,6 +17,7 @@ from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.constellations import Constellation, Orbit
 from warpsim.target.attitude import Attitude
 from warpsim.target.attitude_table import AttitudeTable
+from warpsim.target.patches import Patch, check_patches
 from warpsim.target.shapes import Shape
 from warpsim.target.surface import Graybody
 from warpsim.target.temperature import HeatBalance, Temperature, TemperatureTable
@@ -133,6 +134,7 @@ class TargetSpec:
         attitude: How it turns: Attitude, AttitudeTable or TorqueFree.
         count: How many.
         release: How these leave the main target; as the group's others when left out.
+        patches: Parts of the surface of another reflectance or emissivity; they do not overlap.
         class_: What a classifier is to call it (`class` in a file); the name when left out.
         spread: Numbers that differ from member to member: distributions by field, as in
             {"shape.radius_m": {"normal": [0.5, 0.05]}}; seeded by the scene.
@@ -145,6 +147,7 @@ class TargetSpec:
     attitude: AnyAttitude = Field(default_factory=Attitude)
     count: Group = 1
     release: Release | None = None
+    patches: Annotated[tuple[Patch, ...], BeforeValidator(as_tuple)] = ()
     class_: Annotated[Name | None, Field(alias="class")] = None
     spread: AnySpread | None = None
 
@@ -156,6 +159,16 @@ class TargetSpec:
                 allowed = ", ".join(f"{name}.*" for name in SPREAD_PARTS)
                 raise InputError(f"must name fields among {allowed}", "spread", field)
         return self
+
+    @model_validator(mode="after")
+    def _patches_fit(self) -> TargetSpec:
+        check_patches(self.shape, self.patches)
+        return self
+
+    @property
+    def surfaces(self) -> tuple[Graybody, ...]:
+        """The surface and those of the patches."""
+        return (self.surface, *(patch.surface for patch in self.patches))
 
     @property
     def names(self) -> list[str]:
