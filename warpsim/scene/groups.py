@@ -134,10 +134,10 @@ class TargetSpec:
         attitude: How it turns: Attitude, AttitudeTable or TorqueFree.
         count: How many.
         release: How these leave the main target; as the group's others when left out.
-        patches: Parts of the surface of another reflectance or emissivity; they do not overlap.
         class_: What a classifier is to call it (`class` in a file); the name when left out.
         spread: Numbers that differ from member to member: distributions by field, as in
             {"shape.radius_m": {"normal": [0.5, 0.05]}}; seeded by the scene.
+        patches: Parts of the surface of another reflectance or emissivity; they do not overlap.
     """
 
     name: Name
@@ -147,9 +147,9 @@ class TargetSpec:
     attitude: AnyAttitude = Field(default_factory=Attitude)
     count: Group = 1
     release: Release | None = None
-    patches: Annotated[tuple[Patch, ...], BeforeValidator(as_tuple)] = ()
     class_: Annotated[Name | None, Field(alias="class")] = None
     spread: AnySpread | None = None
+    patches: Annotated[tuple[Patch, ...], BeforeValidator(as_tuple)] = ()
 
     @model_validator(mode="after")
     def _spread_parts(self) -> TargetSpec:

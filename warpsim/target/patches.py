@@ -176,8 +176,8 @@ def check_patches(shape: Any, patches: Sequence[Patch]) -> None:
         InputError: They are not.
     """
     for number, patch in enumerate(patches):
-        if patch.on not in ON[shape.kind]:
-            allowed = ", ".join(ON[shape.kind])
+        if patch.on not in ON.get(shape.kind, ()):
+            allowed = ", ".join(ON.get(shape.kind, ("nothing",)))
             raise InputError(f"must be one of {allowed} of a {shape.kind}", f"patches[{number}].on", patch.on)
         if shape.kind == "plate" and patch.azimuth_deg != (0.0, 360.0):
             raise InputError("does not belong to a plate", f"patches[{number}].azimuth_deg", list(patch.azimuth_deg))
