@@ -355,3 +355,29 @@ def test_faces_that_a_mesh_does_not_have():
         ws.InputError, match=r"targets\[0\]\.patches\[0\]\.faces: must be below 4, the number of faces, got 4"
     ):
         scene.scenario.instrument  # noqa: B018
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("detector", [{}, {"exposure_s": 0.5}, {"exposure_s": 0.5, "line_time_s": 1e-3}], ids=str)
+def test_a_group_of_painted_bodies_is_that_of_the_paint(detector):
+    """Thirty targets, some of them painted all over, some in part with what they have, some spread."""
+    day = ws.Scene.load("stss").replace(epoch_utc="2025-06-21T18:00:00", sky__catalog="none")
+    day = day.replace(targets__2__spread={"shape.radius_m": {"uniform": [0.2, 0.3]}})
+    day = day.replace(**{f"detector__{name}": value for name, value in detector.items()})
+    names, frames = day.sensor_names[6:9], range(80, 84)
+    other = {1: ws.Graybody(emissivity=0.5), 2: ws.Graybody(reflectance={"A": 0.2, "C": 0.4, "E": 0.6})}
+    same = [ws.Patch(day.targets[3].surface, along=(0.2, 0.4), azimuth_deg=(-20.0, 90.0))]
+    painted = day.replace(
+        targets__1__patches=[ws.Patch(other[1])],
+        targets__2__patches=[ws.Patch(other[2], **part) for part in ALL["cylinder"]],
+        targets__3__patches=same,
+    )
+    plain = day.replace(targets__1__surface=other[1], targets__2__surface=other[2])
+    found, expected = (ws.Renderer(scene).render(frames, names, keep_signal=True) for scene in (painted, plain))
+    for name in ("irradiance_w_cm2", "emitted_w_cm2", "sun_w_cm2", "earth_w_cm2", "albedo_w_cm2", "projected_area_m2"):
+        ours, theirs = (np.asarray(both.truth[name]) for both in (found, expected))
+        assert np.nanmax(theirs) > 0
+        np.testing.assert_allclose(ours, theirs, rtol=3 * LIGHT_RTOL, atol=LIGHT_RTOL * np.nanmax(theirs))
+    ours, theirs = (both.signal_w_cm2.numpy() for both in (found, expected))
+    assert theirs.max() > 0
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=3 * LIGHT_RTOL * theirs.max())
