@@ -68,6 +68,8 @@ LINES = {
         "Mean projected area",
         "Reflected area",
         "Areas of a mesh",
+        "Areas of patches of a side",
+        "Areas of patches of a sphere",
         "Thermal emission of a target",
         "Reflected sunlight of a target",
         "View factor of the Earth",

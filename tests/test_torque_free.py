@@ -6,6 +6,7 @@ import pytest
 import warp as wp
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from scipy.special import ellipkm1
 from warpsim_kernels import motion, torque_free
 
 import warpsim as ws
@@ -207,6 +208,16 @@ def test_on_the_separatrix_the_body_turns_over_once():
     momentum = rotated(own.at(times_s) * [-1.0, -1.0, -1.0, 1.0], own.axes[0])
     expected = rates * moments / np.linalg.norm(np.array(rates_deg_s) * moments)
     assert np.abs(momentum - expected).max() < ROTATION_ATOL_RAD
+
+
+def test_nutation_has_the_period_of_the_elliptic_integral():
+    """A thousand motions from far to next to the separatrix; scipy's K of the complement."""
+    for w in np.logspace(-6, 0, 1000):
+        own = free((3.0, 2.0, 1.0), (float(w), 1.0, 0.0)).nutation
+        largest2 = w**2 + 2.0 * (2.0 - 1.0) / (3.0 * (3.0 - 1.0))  # of the rate about x
+        speed = np.sqrt((3.0 - 2.0) * (3.0 - 1.0) / (2.0 * 1.0) * largest2) * np.radians(1.0)
+        expected = speed / (4.0 * ellipkm1(w**2 / largest2))
+        assert own.rate_rev_s == pytest.approx(expected, rel=1e-13)
 
 
 def test_steady_turns_are_about_a_fixed_axis():

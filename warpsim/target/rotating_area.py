@@ -132,7 +132,7 @@ class RotatingArea:
         free = [motion for motion in self.attitudes if isinstance(motion, TorqueFreeMotion)]
         if free:
             precession, nutation = (turned_rev(name, [0.0] * len(free)) for name in ("precession", "nutation"))
-            turned = free[0].nutation.turned(*np.broadcast_arrays(precession, nutation))
+            turned = free[0].nutation.turned(precession, nutation)
             back = conjugate(product(np.stack([motion.frame for motion in free])[body][:, None], turned))
             return projected_area_m2(self.shape, rotated(back, direction[:, None]))
         motions = [motion for motion in self.attitudes if isinstance(motion, BodyMotion)]

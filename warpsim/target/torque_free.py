@@ -134,7 +134,7 @@ class TorqueFreeMotion:
         return product(self.frame, own.turned(precession_rev, turns(own.rate_rev_s, time)))
 
 
-@functools.lru_cache(maxsize=1024)
+@functools.lru_cache(maxsize=64)
 def _nutation(moments: tuple[float, float, float], rates_deg_s: tuple[float, float, float]) -> Nutation:
     """Return the motion of a body in its precessing axes."""
     inertia, rate = [Fraction(value) for value in moments], [Fraction(value) for value in rates_deg_s]
@@ -258,7 +258,7 @@ def _scale(m1: float) -> list[tuple[float, float, float]]:
     """Return the arithmetic-geometric mean's a, b, c, from (1, k', k) on."""
     a, b = 1.0, math.sqrt(m1)
     rows = [(a, b, math.sqrt(1.0 - m1))]
-    while abs(rows[-1][2]) > 1e-16 * a:
+    while abs(rows[-1][2]) > 1e-8 * a:  # the next c is its square over 4 a
         a, b, c = 0.5 * (a + b), math.sqrt(a * b), 0.5 * (a - b)
         rows.append((a, b, c))
     return rows
