@@ -68,6 +68,8 @@ LINES = {
         "Mean projected area",
         "Reflected area",
         "Areas of a mesh",
+        "Areas of patches of a side",
+        "Areas of patches of a sphere",
         "Thermal emission of a target",
         "Reflected sunlight of a target",
         "View factor of the Earth",
@@ -103,6 +105,7 @@ LINES = {
     ),
     "Motion": (
         "Attitude after 1e6 s at 5 rev/s",
+        "Torque-free attitude after 1,000 rotations",
         "Body axis after 1e6 s at 5 rev/s, in the kernel",
         "Orbit with J2 over 1614 s",
         "Orbit with J2 to J4 over 1614 s",

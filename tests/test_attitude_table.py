@@ -23,6 +23,7 @@ ROTATION_ATOL_RAD = 1e-14  # float64: sines, products, and the place between two
 TIME_ROUNDING_RAD = 1e-12  # a time near 1e6 s is good to 1e-10 s, at rates of some hundredths of a radian per second
 ASPECT_ATOL_RAD = 1e-9
 
+KINDS = "'motion', 'table', 'torque_free'"
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -274,8 +275,8 @@ def test_scenes_with_tables_load_back_equal(tabled, tmp_path, ending):
 @pytest.mark.parametrize(
     ("attitude", "message"),
     [
-        ({"kind": "tabel"}, r"targets\[1\]\.attitude\.kind: must be one of 'motion', 'table', got 'tabel'"),
-        ({"kind": ["table"]}, r"targets\[1\]\.attitude\.kind: must be one of 'motion', 'table', got"),
+        ({"kind": "tabel"}, rf"targets\[1\]\.attitude\.kind: must be one of {KINDS}, got 'tabel'"),
+        ({"kind": ["table"]}, rf"targets\[1\]\.attitude\.kind: must be one of {KINDS}, got"),
         ({"kind": "table"}, r"targets\[1\]\.attitude: file, time_s: exactly one"),
         ({"kind": "table", "spin_rev_s": 1.0, "file": "x"}, r"\.attitude\.spin_rev_s: is not a known field"),
         ({"quaternions": [IDENTITY]}, r"targets\[1\]\.attitude\.quaternions: is not a known field"),

@@ -81,11 +81,13 @@ from warpsim.target.shapes import Plate as Plate
 from warpsim.target.mesh import Mesh as Mesh
 from warpsim.target.surface import Graybody as Graybody
 from warpsim.target.surface import ByWavelength as ByWavelength
+from warpsim.target.patches import Patch as Patch
 from warpsim.target.temperature import Temperature as Temperature
 from warpsim.target.temperature import TemperatureTable as TemperatureTable
 from warpsim.target.temperature import HeatBalance as HeatBalance
 from warpsim.target.attitude import Attitude as Attitude
 from warpsim.target.attitude_table import AttitudeTable as AttitudeTable
+from warpsim.target.torque_free import TorqueFree as TorqueFree
 
 # optics
 from warpsim.optics.camera import Camera as Camera

@@ -26,6 +26,7 @@ from warpsim_kernels.shapes import (
     reflected_area_m2,
 )
 from warpsim_kernels.timed_tables import AttitudeTables, TemperatureTables, table_quaternion, turned_axes
+from warpsim_kernels.torque_free import torque_free_axes
 
 
 class Features(NamedTuple):
@@ -41,6 +42,8 @@ class Features(NamedTuple):
     distortion: bool = False  # the camera's lens distorts
     spectral: bool = False  # a target's surface is given by wavelength
     rolling: bool = False  # each target is seen at the time of its own row
+    torque_free: bool = False  # a target turns freely by its moments of inertia
+    patches: bool = False  # a target has patches of other surfaces
 
 
 @wp.struct
@@ -53,6 +56,8 @@ class Target:
     table_count: int  # its rows; 0: `attitude` says how it turns
     temperature_first: int  # row of the temperature tables where this target's begins
     temperature_count: int  # its rows, at least 1
+    nutation_first: int  # row of the nutations where this target's begins
+    nutation_count: int  # its rows; 0: the body does not turn freely
 
 
 @wp.struct
@@ -62,6 +67,7 @@ class Tables:
     attitudes: AttitudeTables
     facets: Facets
     temperatures: TemperatureTables
+    nutations: wp.array2d[wp.quatd]  # (n_row, 2) one period behind the other
 
 
 @wp.struct
@@ -145,6 +151,11 @@ def signature_of(features: Features) -> wp.Function:
         if wp.static(features.attitude_tables):
             if target.table_count > 0:
                 return turned_axes(table_quaternion(tables.attitudes, target.table_first, target.table_count, time_s))
+        if wp.static(features.torque_free):
+            if target.nutation_count > 0:
+                return torque_free_axes(
+                    target.attitude, tables.nutations, target.nutation_first, target.nutation_count, time_s
+                )
         axes = axes_before_spin(target.attitude, time_s)
         if wp.static(features.meshes):
             if target.body.n_facet > 0:

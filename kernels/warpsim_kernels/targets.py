@@ -7,9 +7,10 @@ import warp as wp
 from warpsim_kernels.apparent import LightPath, Observer, Tracks, observer_of, path_from_target
 from warpsim_kernels.camera import Camera, depth, projection, within_frame
 from warpsim_kernels.earth import is_occulted
-from warpsim_kernels.emission import RadianceTable, Surfaces, irradiance_of
+from warpsim_kernels.emission import RadianceTable, Surfaces, irradiance_of, irradiance_per_intensity, patches_of
 from warpsim_kernels.motion import hermite_velocity_m_s, linear_rate, linear_vector
 from warpsim_kernels.records import ABSENT, BEHIND, IN_FOV, NOT_DEPLOYED, OCCULTED, Observation, Sources, View
+from warpsim_kernels.shapes import Body
 from warpsim_kernels.signature import (
     Exposure,
     Features,
@@ -28,6 +29,7 @@ class Bodies:
     """The targets of a scene and what surrounds them."""
 
     targets: wp.array[Target]  # (n_target,)
+    patches: wp.array[Body]  # (n_patch,) facets of the patches of all targets
     tables: Tables
     exposure: Exposure
     surroundings: Surroundings
@@ -53,6 +55,14 @@ def with_areas(seen: Observation, areas: Signature) -> Observation:
     result.sun_area_m2 = areas.sun_area_m2
     result.earth_area_m2 = areas.earth_area_m2
     result.albedo_area_m2_sr = areas.albedo_area_m2_sr
+    return result
+
+
+@wp.func
+def with_body(target: Target, body: Body) -> Target:
+    """A target with another body."""
+    result = target
+    result.body = body
     return result
 
 
@@ -99,10 +109,44 @@ def projected_target_of(distortion: bool) -> wp.Function:
 
 
 @functools.cache
+def seen_areas_of(features: Features) -> wp.Function:
+    """The function that completes an observation by the areas that a target shows."""
+    signature = signature_of(features)
+
+    @wp.func
+    def seen_areas(
+        seen: Observation,
+        target: Target,
+        bodies: Bodies,
+        sun_m: wp.vec3d,
+        observer_m: wp.vec3d,
+        path: LightPath,
+        motion: RelativeMotion,
+        series: wp.array2d[wp.float64],
+    ) -> Observation:
+        areas = signature(
+            target,
+            bodies.tables,
+            bodies.exposure,
+            bodies.surroundings,
+            sun_m,
+            observer_m + path.vector_m,
+            towards_sensor(path),
+            path.emission_time_s,
+            motion,
+            series,
+        )
+        return with_areas(seen, areas)
+
+    return seen_areas
+
+
+@functools.cache
 def make_observe_targets_kernel(features: Features) -> wp.Kernel:
     """Kernel of the stage; its code holds what the scene's targets need."""
     projected_target = projected_target_of(features.distortion)
-    signature, irradiance_w_cm2 = signature_of(features), irradiance_of(features)
+    seen_areas, irradiance_w_cm2 = seen_areas_of(features), irradiance_of(features)
+    patches_w_sr = patches_of(features).patches_w_sr
 
     @wp.kernel(module="unique", enable_backward=False)
     def observe_targets_kernel(
@@ -115,9 +159,9 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         threads_per_view: int,
         # out
         sources: Sources,  # first slots: xy_px, irradiance_w_cm2
-        observations: wp.array2d[Observation],  # (n_view, n_target)
+        observations: wp.array2d[Observation],  # (n_view, n_target + n_patch)
         irradiance: wp.array3d[float],  # (n_view, n_band, n_target) as in sources, for the truth
-        area_series: wp.array4d[wp.float64],  # (n_view, n_target, N_TERM, n_exposure); empty unless profiles are kept
+        area_series: wp.array4d[wp.float64],  # (same, N_TERM, n_exposure); empty unless profiles are kept
     ):
         """Geometry and light of every (view, target); the threads of a view take its targets in turn."""
         view, thread = wp.tid()
@@ -143,26 +187,28 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
                 motion.velocity_m_s = hermite_velocity_m_s(
                     tracks.position_m, tracks.velocity_m_s, body, path.emission_time_s, tracks.grid
                 ) - (camera_at.velocity_m_s - earth_m_s)
-            areas = signature(
-                target,
-                bodies.tables,
-                bodies.exposure,
-                bodies.surroundings,
-                sun_m + sun_m_s * (path.emission_time_s - time_s),
-                observer.position_m + path.vector_m,
-                towards_sensor(path),
-                path.emission_time_s,
-                motion,
-                area_series[view, number],
-            )
-            seen = with_areas(seen, areas)
             seen.temperature_k = temperature_k(
                 bodies.tables.temperatures, target.temperature_first, target.temperature_count, path.emission_time_s
             )
+            sun_then_m = sun_m + sun_m_s * (path.emission_time_s - time_s)
+            seen = seen_areas(
+                seen, target, bodies, sun_then_m, observer.position_m, path, motion, area_series[view, number]
+            )
             observations[view, number] = seen
+            if wp.static(features.patches):
+                for k in range(bodies.surfaces.first_patch[number], bodies.surfaces.first_patch[number + 1]):
+                    patch = with_body(target, bodies.patches[k - bodies.targets.shape[0]])
+                    observations[view, k] = seen_areas(
+                        seen, patch, bodies, sun_then_m, observer.position_m, path, motion, area_series[view, k]
+                    )
             sources.xy_px[view, number] = seen.xy_px
             for band in range(irradiance.shape[1]):
-                light = float(irradiance_w_cm2(bodies.surfaces, bodies.radiance, seen, band, number))
+                light_w_cm2 = irradiance_w_cm2(bodies.surfaces, bodies.radiance, seen, band, number)
+                if wp.static(features.patches):
+                    more = patches_w_sr(bodies.surfaces, bodies.radiance, observations[view], band, number)
+                    light_w_cm2 += (more[0] + more[1] + more[2] + more[3]) * irradiance_per_intensity(seen)
+                    light_w_cm2 = wp.max(light_w_cm2, wp.float64(0.0))  # facets end where smooth bodies do, but nearly
+                light = float(light_w_cm2)
                 sources.irradiance_w_cm2[view, band, number] = light
                 irradiance[view, band, number] = light
 

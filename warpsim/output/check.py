@@ -22,6 +22,7 @@ from warpsim.scene.scenario import Scenario
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.tiles import StarTiles
 from warpsim.target.mesh import Mesh
+from warpsim.target.patches import patch_areas
 from warpsim.target.temperature import HeatBalance, TemperatureRows
 
 ESCAPE_SPEED_M_S = 11_180.0
@@ -60,7 +61,7 @@ def scene_report(scenario: Scenario) -> str:
     ]
     for group in scene.groups:
         lines += _group_lines(group, scenario)
-    lines += [*target_attitude_lines(scenario), *_heat_lines(scenario)]
+    lines += [*_patch_lines(scenario), *target_attitude_lines(scenario), *_heat_lines(scenario)]
     several = len(scenario.instruments) > 1
     for instrument in scenario.instruments.values():
         carried = f"  sensor     {instrument.sensor.name} on {counted(len(instrument.names), 'satellite')}"
@@ -136,16 +137,31 @@ def _sky_lines(scenario: Scenario, catalogs: Mapping[str, StarCatalog], tiles: S
 def _surface_notes(scenario: Scenario) -> list[str]:
     """Bands beyond the wavelengths at which a target's surface is given."""
     notes = []
-    for spec in {spec.name: spec for group in scenario.scene.groups for spec in group.targets}.values():
-        if not spec.surface.is_spectral:
+    specs = {spec.name: spec for group in scenario.scene.groups for spec in group.targets}.values()
+    for spec, surface in [(one, surface) for one in specs for surface in one.surfaces]:
+        if not surface.is_spectral:
             continue
-        low_um, high_um = spec.surface.emissivity_curve.wavelength_um[[0, -1]]
+        low_um, high_um = surface.emissivity_curve.wavelength_um[[0, -1]]
         ends = {name: band.half_power_um for name, band in scenario.bands.items()}
         beyond = [name for name, (first_um, last_um) in ends.items() if first_um < low_um or last_um > high_um]
         if beyond:
-            given = f"its surface is given from {low_um:g} to {high_um:g} um and constant beyond"
+            what = "its surface" if surface is spec.surface else "the surface of a patch"
+            given = f"{what} is given from {low_um:g} to {high_um:g} um and constant beyond"
             notes.append(f"{spec.name}: {given}, as in band {' '.join(beyond)}")
     return notes
+
+
+def _patch_lines(scenario: Scenario) -> list[str]:
+    """Lines about the patches of targets, and how far facets stand for them."""
+    lines = []
+    for spec in {spec.name: spec for group in scenario.scene.groups for spec in group.targets}.values():
+        areas = patch_areas(spec.shape, spec.patches)
+        if areas:
+            part = sum(area.surface_m2 for area in areas) / spec.shape.surface_m2
+            n_facet = sum(len(area.surface.area_m2) for area in areas)
+            words = f"{counted(len(areas), 'patch', 'patches')}, {100 * part:.2g} % of its surface"
+            lines.append(f"  patches    {spec.name} has {words}, by {counted(n_facet, 'facet')}")
+    return lines
 
 
 def _short(value: float) -> str:

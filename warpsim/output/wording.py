@@ -55,6 +55,6 @@ class _Lines:
             print(f"{part} after {now_s - self._begin_s:.0f} s", file=sys.stderr, flush=True)
 
 
-def counted(n: int | np.integer, noun: str) -> str:
+def counted(n: int | np.integer, noun: str, several: str = "") -> str:
     """Return a number with its noun, as in "1,000 stars"."""
-    return f"{n:,} {noun}{'' if n == 1 else 's'}"
+    return f"{n:,} {noun if n == 1 else several or noun + 's'}"

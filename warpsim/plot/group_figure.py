@@ -29,6 +29,7 @@ from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 from warpsim.scene.tracks import Tracks
 from warpsim.target.areas import has_facets, top_radius_m
+from warpsim.target.torque_free import TorqueFree
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -191,6 +192,8 @@ def _instants_s(scenario: Scenario, time_s: float | Sequence[float]) -> list[flo
     first = checked_time_s(time_s, duration_s)  # type: ignore[arg-type]
     motions = ("spin_rev_s", "precession_rev_s", "rolling_rev_s")
     rates = [abs(getattr(target.spec.attitude, name, 0.0)) for target in scenario.targets for name in motions]
+    free = [target.spec.attitude for target in scenario.targets if isinstance(target.spec.attitude, TorqueFree)]
+    rates += [float(np.linalg.norm(attitude.rates_deg_s)) / 360.0 for attitude in free]
     slowest = min((rate for rate in rates if rate > 0), default=0.0)
     span_s = min(1 / slowest if slowest else np.inf, duration_s - first)
     return [first + span_s * k / N_INSTANT for k in range(N_INSTANT if span_s > 0 else 1)]

@@ -44,7 +44,7 @@ class Columns:
     views: wp.array
     """View records, (n_view,)."""
     observations: wp.array
-    """Observation records, (n_view, n_target)."""
+    """Observation records, (n_view, n_target + n_patch): targets, and behind them what is seen of their patches."""
     irradiance_w_cm2: wp.array
     """In-band irradiance of targets at the pupil, (n_view, n_band, n_target)."""
     offset_px: wp.array | None = None
@@ -95,7 +95,7 @@ class HostColumns:
     @cached_property
     def observations(self) -> npt.NDArray[Any]:
         """Observation records by name of field, (n_view, n_target)."""
-        return to_numpy(self.columns.observations)
+        return to_numpy(self.columns.observations)[:, : self.columns.irradiance_w_cm2.shape[-1]]
 
     @cached_property
     def irradiance_w_cm2(self) -> npt.NDArray[np.float32]:
@@ -198,7 +198,7 @@ def _column_kinds(scene: DeviceBodies, n_view: int) -> dict[str, tuple[tuple[int
     light = ((n_view, n_band, n_target), wp.float32)
     kinds: dict[str, tuple[tuple[int, ...], Any]] = {
         "views": ((n_view,), View),
-        "observations": ((n_view, n_target), Observation),
+        "observations": ((n_view, n_target + scene.field.n_patch), Observation),
         "irradiance_w_cm2": light,
     }
     if scene.streaks.enabled:

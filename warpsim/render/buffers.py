@@ -163,8 +163,8 @@ def new_spots(scene: DeviceScene, n_view: int, n_slot: int) -> wp.array:
 
 
 def new_area_series(scene: DeviceBodies, n_view: int) -> wp.array:
-    """Return room for how the areas of targets change: Legendre coefficients, (n_view, n_target, N_TERM, n_profile)."""
-    shape = (n_view, scene.n_target, N_TERM, scene.field.n_profile)
+    """Return room for how areas change: Legendre coefficients, (n_view, n_target + n_patch, N_TERM, n_profile)."""
+    shape = (n_view, scene.n_target + scene.field.n_patch, N_TERM, scene.field.n_profile)
     return wp.empty(shape, dtype=wp.float64, device=scene.device)
 
 

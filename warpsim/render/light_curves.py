@@ -203,7 +203,7 @@ def _observed(bodies: DeviceBodies, times: F64, rows: list[int], n_worker: int) 
         observe(0)  # kernels are compiled by one thread
         with ThreadPoolExecutor(n_worker) as pool:
             list(pool.map(observe, range(size, n_view, size)))
-    observations = to_numpy(columns.observations).reshape(*shape, bodies.n_target)
+    observations = to_numpy(columns.observations)[:, : bodies.n_target].reshape(*shape, bodies.n_target)
     return observations, to_numpy(terms).reshape(N_TERM, *shape, bodies.n_band, bodies.n_target)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,7 @@ import warp as wp
 from warpsim_kernels.earth import Earth
 from warpsim_kernels.emission import RadianceTable, Surfaces, make_profile_kernel
 from warpsim_kernels.motion import Attitude as AttitudeStruct
+from warpsim_kernels.shapes import Body
 from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target
 from warpsim_kernels.targets import Bodies, make_observe_targets_kernel
 from warpsim_kernels.timed_tables import AttitudeTables, TemperatureTables
@@ -21,19 +23,20 @@ from warpsim.legendre import series_matrix
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr
+from warpsim.scene.attitudes import AnyAttitude
 from warpsim.scene.environment import Lighting
 from warpsim.scene.exposure import ExposureRule
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import LightTerm
 from warpsim.scene.scenario import Scenario
-from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.areas import body_struct, facets_of
 from warpsim.target.attitude import BodyMotion
-from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.earth_light import albedo_degree, albedo_table, infrared_table
+from warpsim.target.patches import patch_areas
 from warpsim.target.surface import Graybody, Light
 from warpsim.target.temperature import TemperatureRows
+from warpsim.target.torque_free import Nutation, TorqueFreeMotion
 
 F64 = npt.NDArray[np.float64]
 
@@ -47,6 +50,8 @@ class TargetField:
     """All targets are in the Earth's shadow throughout, so that the kernel does not ask."""
     bodies: Any
     """The kernels' Bodies."""
+    n_patch: int
+    """Patches of all targets."""
     n_profile: int
     """Coefficients of each target's brightness over the exposure; 0 where nothing asks for them."""
     threads_per_view: int
@@ -60,19 +65,25 @@ def make_target_field(
 ) -> TargetField:
     """Put the targets of a scene on a device, as an instrument sees them."""
     attitudes, attitude_spans = make_attitudes(scenario.attitudes, device)
+    nutations, nutation_spans = make_nutations(scenario.attitudes, device)
     temperatures, temperature_spans, span_k = make_temperatures(scenario.temperatures, device)
     targets, terms = scenario.targets, instrument.light_terms
     own_bands = [instrument.bands[name] for name in bands]
-    facets = facets_of([target.spec.shape for target in targets], device)
+    patches = [patch_areas(target.spec.shape, target.spec.patches) for target in targets]
+    parts: list[Any] = [*(target.spec.shape for target in targets), *itertools.chain(*patches)]
+    facets = facets_of(parts, device)
     farthest_m = [float(np.linalg.norm(track.position_m, axis=1).max()) for track in scenario.tracks.targets]
     limb_sine = EARTH_POLAR_RADIUS_M / max(farthest_m, default=EARTH_EQUATORIAL_RADIUS_M)
     lighting = scenario.scene.lighting
     degree = _albedo_degree(lighting, terms["albedo"], limb_sine)
-    spectral = list(dict.fromkeys(target.spec.surface for target in targets if target.spec.surface.is_spectral))
+    own = [target.spec.surface for target in targets] + [s for target in targets for s in target.spec.surfaces[1:]]
+    spectral = list(dict.fromkeys(surface for surface in own if surface.is_spectral))
     streaks, rolling = instrument.sensor.streaks, with_profiles and instrument.sensor.rolls
     features = Features(
         attitude_tables=any(count for _, count in attitude_spans),
+        torque_free=any(count for _, count in nutation_spans),
         meshes=any(facets.count),
+        patches=any(patches),
         albedo_degree=degree,
         profile=with_profiles and streaks,
         distortion=instrument.sensor.camera.lens is not None,
@@ -83,17 +94,25 @@ def make_target_field(
     exposure = _exposure(instrument.exposure_rule, device)
     tables: Any = Tables()
     tables.attitudes, tables.facets, tables.temperatures = attitudes, facets.facets, temperatures
-    structs = _target_structs(scenario, attitude_spans, temperature_spans, facets.first)
+    tables.nutations = nutations
+    structs = _target_structs(scenario, attitude_spans, temperature_spans, nutation_spans, facets.first)
     bodies: Any = Bodies()
     bodies.targets = wp.array(structs, dtype=Target, device=device)
     bodies.tables, bodies.exposure = tables, exposure
     bodies.surroundings = _surroundings(scenario.tracks, features, device)
-    bodies.surfaces = _surfaces(targets, spectral, lighting, own_bands, device)
+    bodies.patches = wp.array(
+        [body_struct(part, first) for part, first in list(zip(parts, facets.first, strict=True))[len(targets) :]],
+        dtype=Body, device=device,
+    )  # fmt: skip
+    bodies.surfaces = _surfaces(own, spectral, lighting, own_bands, device)
+    first_patch = len(targets) + np.cumsum([0, *map(len, patches)])
+    bodies.surfaces.first_patch = wp.array(first_patch, dtype=wp.int32, device=device)
     bodies.radiance = make_radiance(own_bands, span_k, device, spectral)
     return TargetField(
         features,
         lighting.sun and terms["sun"].bound_nei == 0.0,
         bodies,
+        len(parts) - len(targets),
         int(exposure.weight.shape[0]) if features.profile else 0,
         max(len(targets), 1) if device.is_cuda or rolling else 1,
         make_observe_targets_kernel(features),
@@ -115,6 +134,7 @@ def _target_structs(
     scenario: Scenario,
     attitude_spans: list[tuple[int, int]],
     temperature_spans: list[tuple[int, int]],
+    nutation_spans: list[tuple[int, int]],
     first_facet: list[int],
 ) -> list[Any]:
     structs = []
@@ -124,6 +144,7 @@ def _target_structs(
         target.attitude = motion_struct(attitude)
         target.table_first, target.table_count = attitude_spans[number]
         target.temperature_first, target.temperature_count = temperature_spans[number]
+        target.nutation_first, target.nutation_count = nutation_spans[number]
         structs.append(target)
     return structs
 
@@ -147,14 +168,13 @@ def _surroundings(tracks: Tracks, features: Features, device: wp.Device) -> Any:
 
 
 def _surfaces(
-    targets: Sequence[SceneTarget],
+    own: Sequence[Graybody],
     spectral: Sequence[Graybody],
     lighting: Lighting,
     bands: Sequence[Band],
     device: wp.Device,
 ) -> Any:
-    """Return the optical properties of the targets' surfaces; `spectral` are the different ones by wavelength."""
-    own = [target.spec.surface for target in targets]
+    """Return the optical properties of surfaces; `spectral` are the different ones by wavelength."""
     different = {surface: number for number, surface in enumerate(dict.fromkeys(own))}
     which = np.array([different[surface] for surface in own], dtype=np.intp)
 
@@ -216,9 +236,7 @@ def _rows_once(tables: Sequence[Any]) -> tuple[list[Any], list[tuple[int, int]]]
     ]
 
 
-def make_attitudes(
-    attitudes: Sequence[BodyMotion | AttitudeRows], device: wp.Device
-) -> tuple[Any, list[tuple[int, int]]]:
+def make_attitudes(attitudes: Sequence[AnyAttitude], device: wp.Device) -> tuple[Any, list[tuple[int, int]]]:
     """Put the attitude tables of all targets on a device, each once; return them, and first row and count of each."""
     distinct, spans = _rows_once(attitudes)
     tables: Any = AttitudeTables()
@@ -228,10 +246,27 @@ def make_attitudes(
     return tables, spans
 
 
-def motion_struct(attitude: BodyMotion | AttitudeRows) -> Any:
+def make_nutations(attitudes: Sequence[AnyAttitude], device: wp.Device) -> tuple[wp.array, list[tuple[int, int]]]:
+    """Put the nutations of all targets that turn freely on a device, each once; return first row and count of each."""
+    own = [attitude.nutation if isinstance(attitude, TorqueFreeMotion) else None for attitude in attitudes]
+    first: dict[Nutation | None, tuple[int, int]] = {None: (0, 0)}
+    rows, n_row = [np.zeros((0, 2, 4))], 0
+    for nutation in dict.fromkeys(own):
+        if nutation is not None:
+            first[nutation] = n_row, len(nutation.quaternion)
+            rows.append(np.stack([nutation.quaternion, nutation.step], axis=1))
+            n_row += len(nutation.quaternion)
+    return wp.array(np.concatenate(rows), dtype=wp.quatd, device=device), [first[nutation] for nutation in own]
+
+
+def motion_struct(attitude: AnyAttitude) -> Any:
     """A motion as the kernels' struct; for a table, one that is not read."""
     struct: Any = AttitudeStruct()
-    if isinstance(attitude, AttitudeRows):
+    if isinstance(attitude, TorqueFreeMotion):
+        struct.reference, struct.first, struct.second = (wp.vec3d(*axis) for axis in attitude.axes)
+        struct.precession_rev_s = attitude.nutation.precession_rev_s
+        struct.spin_rev_s = attitude.nutation.rate_rev_s
+    if not isinstance(attitude, BodyMotion):
         return struct
     motion, frame = attitude.attitude, attitude.frame
     struct.reference, struct.first, struct.second = (wp.vec3d(*axis) for axis in frame.axes)

@@ -226,8 +226,7 @@ def sunlit_fraction(scene: DeviceBodies, sunlit: npt.NDArray[np.float64]) -> npt
 
 def split_irradiance_w_cm2(scene: DeviceBodies, observations: wp.array) -> dict[str, npt.NDArray[np.float64]]:
     """Return the irradiance by each term (emitted, sun, earth, albedo), each (n_view, n_band, n_target)."""
-    n_view, n_target = observations.shape
-    terms = wp.zeros((N_TERM, n_view, scene.n_band, n_target), dtype=wp.float64, device=scene.device)
+    terms = wp.zeros((N_TERM, len(observations), scene.n_band, scene.n_target), dtype=wp.float64, device=scene.device)
     if terms.size:
         split_light(scene, observations.to(scene.device), terms).run()
     return dict(zip(("emitted", *TERMS), to_numpy(terms), strict=True))

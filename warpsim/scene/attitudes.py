@@ -12,8 +12,9 @@ from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.attitude import BodyMotion, attitude_frame
 from warpsim.target.attitude_table import AttitudeRows, AttitudeTable
+from warpsim.target.torque_free import TorqueFree, TorqueFreeMotion
 
-AnyAttitude = BodyMotion | AttitudeRows
+AnyAttitude = BodyMotion | AttitudeRows | TorqueFreeMotion
 
 
 def target_attitudes(
@@ -28,6 +29,9 @@ def target_attitudes(
         attitude = target.spec.attitude
         if isinstance(attitude, AttitudeTable):
             found.append(tables[target.group, target.entry])
+            continue
+        if isinstance(attitude, TorqueFree):
+            found.append(attitude.motion(seed, number))
             continue
         first_s, last_s = target.exists_s
         begin_s = max(0.0, first_s, min(target.release_s, last_s))  # some are gone before their release

@@ -30,7 +30,7 @@ from warpsim.scene.band_descriptions import (
     unknown_rule,
 )
 from warpsim.scene.environment import Lighting, Sky
-from warpsim.scene.groups import AnyConstellation, TargetGroup
+from warpsim.scene.groups import AnyConstellation, TargetGroup, TargetSpec
 from warpsim.scene.pointing import ANY, TRACKED, satellites_of
 from warpsim.scene.pointing_program import check_frames as check_covered
 from warpsim.scene.pointing_program import entry_path, make_program, tracked_targets
@@ -39,6 +39,8 @@ from warpsim.scene.short_form import item_path, with_paths
 from warpsim.scene.targets import SceneTarget, with_values
 from warpsim.scene.temperatures import temperature_tables
 from warpsim.target.mesh import Mesh
+from warpsim.target.patches import patch_areas
+from warpsim.target.surface import Graybody
 
 LONGEST_TRACKS_S = 2e8
 """Longest scene times number of bodies: 1.4 GB of orbit nodes at most, 4 to 8 GB while they are made."""
@@ -245,13 +247,14 @@ def check_targets(groups: Sequence[TargetGroup], sensors: Sequence[Sensor], epoc
     bands = list(dict.fromkeys(band for sensor in sensors for band in sensor.bands))
     for path, group in with_paths("groups", groups):
         for entry, spec in enumerate(group.targets):
-            missing = next((band for band in bands if not spec.surface.describes(band)), None)
-            if missing is not None:
-                rule = (
-                    f"must give reflectance or emissivity of {spec.name} in every band of the scene, got none in band "
-                    f"{missing}"
-                )
-                raise InputError(rule, f"targets[{entry}].surface").within(path)
+            for part, surface in surface_paths(spec):
+                missing = next((band for band in bands if not surface.describes(band)), None)
+                if missing is not None:
+                    rule = (
+                        f"must give reflectance or emissivity of {spec.name} in every band of the scene, got none in "
+                        f"band {missing}"
+                    )
+                    raise InputError(rule, f"targets[{entry}].{part}").within(path)
             for field, distribution in (spec.spread or {}).items():
                 for value in distribution.extremes:
                     with errors_at(path), errors_at(f"targets[{entry}].spread"):
@@ -345,6 +348,14 @@ def check_target_files(groups: Sequence[TargetGroup]) -> None:
             if isinstance(spec.shape, Mesh):
                 with errors_at(path), errors_at(f"targets[{entry}].shape"):
                     spec.shape.surface_m2  # noqa: B018  # reads the file
-            if spec.surface.is_spectral:
-                with errors_at(path), errors_at(f"targets[{entry}].surface"):
-                    spec.surface.emissivity_curve  # noqa: B018  # reads the file
+            for part, surface in surface_paths(spec):
+                if surface.is_spectral:
+                    with errors_at(path), errors_at(f"targets[{entry}].{part}"):
+                        surface.emissivity_curve  # noqa: B018  # reads the file
+            with errors_at(path), errors_at(f"targets[{entry}]"):
+                patch_areas(spec.shape, spec.patches)
+
+
+def surface_paths(spec: TargetSpec) -> list[tuple[str, Graybody]]:
+    """Return the surfaces of a target with the paths of their fields."""
+    return [("surface", spec.surface), *((f"patches[{n}].surface", p.surface) for n, p in enumerate(spec.patches))]

@@ -15,9 +15,10 @@ from warpsim.errors import InputError
 from warpsim.legendre import gauss_legendre, series_at, series_matrix
 from warpsim.quaternion import conjugate, rotated
 from warpsim.scene.attitudes import AnyAttitude
+from warpsim.scene.groups import TargetSpec
 from warpsim.scene.targets import SceneTarget
 from warpsim.target.attitude_table import AttitudeRows
-from warpsim.target.shapes import Shape
+from warpsim.target.patches import patch_areas
 
 F64 = npt.NDArray[np.float64]
 
@@ -65,7 +66,7 @@ def exposure_rule(
     if exposure_s == 0.0 or not targets:
         return ExposureRule(np.zeros(1), np.ones(1), 0.0, 0.0)
     kinds = {target.spec: number for number, target in reversed(list(enumerate(targets)))}
-    bodies = [_Sampled(spec.shape, attitudes[number], exposure_s, duration_s) for spec, number in kinds.items()]
+    bodies = [_Sampled(spec, attitudes[number], exposure_s, duration_s) for spec, number in kinds.items()]
     # Where light moves, the range to it changes along the streak too: one node would not show that.
     counts = NODE_COUNTS[1:] if detector.streaks else NODE_COUNTS
     series = [body.series(counts[0]) for body in bodies]
@@ -95,18 +96,19 @@ def _errors(one: F64, other: F64) -> tuple[float, float]:
 class _Sampled:
     """Samples of a body: directions of view and of light, and instants, spread over the scene."""
 
-    def __init__(self, shape: Shape, attitude: AnyAttitude, exposure_s: float, duration_s: float) -> None:
-        self._shape, self._attitude = shape, attitude
+    def __init__(self, spec: TargetSpec, attitude: AnyAttitude, exposure_s: float, duration_s: float) -> None:
+        self._parts, self._attitude = [spec.shape, *patch_areas(spec.shape, spec.patches)], attitude
         self._half_s = 0.5 * exposure_s
         self._middle_s = duration_s * np.mod(0.618034 * np.arange(_N_SAMPLE), 1.0)
         self._view, self._sun = normalised(np.random.default_rng(0).normal(size=(2, _N_SAMPLE, 3)))
         self._span_s = attitude.span_s if isinstance(attitude, AttitudeRows) else (-np.inf, np.inf)
 
     def series(self, count: int) -> F64:
-        """Legendre series over the exposure of projected and reflected area, (2, n_sample, count); the mean first."""
+        """Legendre series over the exposure of projected and reflected areas, (n, n_sample, count); the mean first."""
         offset_s = self._half_s * gauss_legendre(count)[0]
         times_s = np.clip((self._middle_s[:, None] + offset_s).ravel(), *self._span_s)
         turned = conjugate(self._attitude.at(times_s))
         seen, illuminated = (rotated(turned, np.repeat(vectors, count, axis=0)) for vectors in (self._view, self._sun))
-        areas = np.stack([self._shape.projected_area_along_m2(seen), self._shape.reflected_area_m2(seen, illuminated)])
-        return np.asarray(areas.reshape(2, _N_SAMPLE, count) @ series_matrix(count).T)
+        areas = [part.projected_area_along_m2(seen) for part in self._parts]
+        areas += [part.reflected_area_m2(seen, illuminated) for part in self._parts]
+        return np.asarray(np.stack(areas).reshape(-1, _N_SAMPLE, count) @ series_matrix(count).T)

@@ -17,9 +17,11 @@ from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.constellations import Constellation, Orbit
 from warpsim.target.attitude import Attitude
 from warpsim.target.attitude_table import AttitudeTable
+from warpsim.target.patches import Patch, check_patches
 from warpsim.target.shapes import Shape
 from warpsim.target.surface import Graybody
 from warpsim.target.temperature import HeatBalance, Temperature, TemperatureTable
+from warpsim.target.torque_free import TorqueFree
 
 SPREAD_PARTS = ("shape", "surface", "temperature", "attitude")
 """Parts of a target whose numbers may differ from member to member."""
@@ -53,7 +55,12 @@ Trajectory = Annotated[Orbit, BeforeValidator(of_kind("ballistic_arc"))]
 """Path of a main target; what names no kind is a ballistic arc."""
 AnyConstellation = Annotated[Constellation, BeforeValidator(of_kind("walker"))]
 """What names no kind is a Walker pattern."""
-AnyAttitude = Annotated[Annotated[Attitude, Tag("motion")] | Annotated[AttitudeTable, Tag("table")], kind_or("motion")]
+AnyAttitude = Annotated[
+    Annotated[Attitude, Tag("motion")]
+    | Annotated[AttitudeTable, Tag("table")]
+    | Annotated[TorqueFree, Tag("torque_free")],
+    kind_or("motion"),
+]
 AnyTemperature = Annotated[
     Annotated[Temperature, Tag("linear")]
     | Annotated[TemperatureTable, Tag("table")]
@@ -124,12 +131,13 @@ class TargetSpec:
         shape: Sphere, Cylinder, Cone, Frustum, Plate or Mesh.
         surface: Reflectance or emissivity, by band or for all.
         temperature: While the target is there: Temperature (linear), TemperatureTable or HeatBalance.
-        attitude: How it turns: Attitude, or AttitudeTable.
+        attitude: How it turns: Attitude, AttitudeTable or TorqueFree.
         count: How many.
         release: How these leave the main target; as the group's others when left out.
         class_: What a classifier is to call it (`class` in a file); the name when left out.
         spread: Numbers that differ from member to member: distributions by field, as in
             {"shape.radius_m": {"normal": [0.5, 0.05]}}; seeded by the scene.
+        patches: Parts of the surface of another reflectance or emissivity; they do not overlap.
     """
 
     name: Name
@@ -141,6 +149,7 @@ class TargetSpec:
     release: Release | None = None
     class_: Annotated[Name | None, Field(alias="class")] = None
     spread: AnySpread | None = None
+    patches: Annotated[tuple[Patch, ...], BeforeValidator(as_tuple)] = ()
 
     @model_validator(mode="after")
     def _spread_parts(self) -> TargetSpec:
@@ -150,6 +159,16 @@ class TargetSpec:
                 allowed = ", ".join(f"{name}.*" for name in SPREAD_PARTS)
                 raise InputError(f"must name fields among {allowed}", "spread", field)
         return self
+
+    @model_validator(mode="after")
+    def _patches_fit(self) -> TargetSpec:
+        check_patches(self.shape, self.patches)
+        return self
+
+    @property
+    def surfaces(self) -> tuple[Graybody, ...]:
+        """The surface and those of the patches."""
+        return (self.surface, *(patch.surface for patch in self.patches))
 
     @property
     def names(self) -> list[str]:

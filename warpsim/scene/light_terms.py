@@ -110,7 +110,7 @@ def _bounds_nei(
             largest = 0.5 if getattr(spec.shape, "convex", True) else 1.0
             across_m2 = largest * spec.shape.surface_m2
             for term in TERMS:
-                reflectance = spec.surface.reflectance_in(band, term)
+                reflectance = max(surface.reflectance_in(band, term) for surface in spec.surfaces)
                 irradiance_w_cm2 = falling[term] / np.pi * (reflectance * across_m2) / near_m**2 * 1e-4
                 most[term] = max(most[term], irradiance_w_cm2 / nei)
     return most

@@ -23,6 +23,7 @@ from warpsim.scene.tracks import Tracks
 from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.cooling import ThermalNodes, integrate
 from warpsim.target.heat_balance import lumped_node, surface_coefficients
+from warpsim.target.patches import patch_areas
 from warpsim.target.rotating_area import RotatingArea, SteadyArea, steady_area
 from warpsim.target.temperature import HeatBalance, Temperature, TemperatureRows, TemperatureTable
 
@@ -79,7 +80,7 @@ def target_temperatures(
             found += [tables[target.group, target.entry]] * len(members)
         else:
             begin_s = min(max(begin_s, target.release_s), end_s)
-            coefficients = surface_coefficients(spec.surface, bands)
+            coefficients = _coefficients(spec, bands)
             try:
                 for start in range(first, first + len(members), BODIES_AT_ONCE):
                     some = attitudes[start : min(start + BODIES_AT_ONCE, first + len(members))]
@@ -88,6 +89,15 @@ def target_temperatures(
                 path = item_path("groups", target.group, n_group)
                 raise error.within(f"targets[{target.entry}].temperature").within(path) from None
     return found
+
+
+def _coefficients(spec: TargetSpec, bands: Sequence[str]) -> tuple[float, float]:
+    """Solar absorptance and infrared emissivity: means over the surface, with its patches."""
+    areas_m2 = [area.surface_m2 for area in patch_areas(spec.shape, spec.patches)]
+    areas_m2 = [spec.shape.surface_m2 - sum(areas_m2), *areas_m2]
+    of_parts = np.array([surface_coefficients(surface, bands) for surface in spec.surfaces])
+    absorptance, emissivity = np.average(of_parts, axis=0, weights=areas_m2)
+    return float(absorptance), float(emissivity)
 
 
 def _balanced(run: _Run) -> list[TemperatureRows]:

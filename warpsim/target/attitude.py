@@ -59,7 +59,7 @@ class Attitude:
     """Motion of a body about a fixed direction: precession, rolling and spin, alone or together.
 
     Args:
-        spin_rev_s: Spin about the body axis [rev/s]. It does not change how a body of revolution looks.
+        spin_rev_s: Spin about the body axis [rev/s]. A body of revolution shows it by its patches only.
         precession_rev_s: Turning of the body axis about the fixed direction [rev/s].
         precession_angle_deg: Angle between body axis and fixed direction [deg].
         rolling_rev_s: Tumbling of the body axis about a transverse axis [rev/s].

@@ -53,18 +53,18 @@ def closed_surface(vertices_m: F64, faces: I64) -> ClosedSurface:
     if not 0 < extent_m <= LARGEST_EXTENT_M:
         raise InputError(f"must extend over 0 to {LARGEST_EXTENT_M:g} m, got {extent_m:g} m")
     scaled = (vertices - vertices[faces[0, 0]]) / extent_m  # about a vertex: digits do not depend on the origin
-    vector = _area_vectors(scaled, faces)
+    vector = area_vectors(scaled, faces)
     neighbour = _neighbours(faces, vector)
     volume = float(np.sum(scaled[faces].mean(axis=1) * vector) / 3)
     if abs(volume) <= _LEAST_VOLUME:
         raise InputError("must enclose a volume")
     if volume < 0:
         faces = faces[:, ::-1]
-        vector = _area_vectors(scaled, faces)
+        vector = area_vectors(scaled, faces)
         neighbour = _neighbours(faces, vector)
     n_reentrant = _reentrant_edges(scaled, faces, vector, neighbour)
     convex = n_reentrant == 0 and _covers_once(scaled, faces, vector)
-    normal, area = _merged(vector)
+    normal, area = merged_facets(vector)
     return ClosedSurface(vertices, faces, normal, area * extent_m**2, abs(volume) * extent_m**3, n_reentrant, convex)
 
 
@@ -84,7 +84,7 @@ def _check_numbers(vertices_m: F64, faces: I64) -> None:
         raise InputError(f"face {bad[0]} names vertex {wrong} of {len(vertices_m)} (counted from 0)")
 
 
-def _area_vectors(vertices: F64, faces: I64) -> F64:
+def area_vectors(vertices: F64, faces: I64) -> F64:
     """Area times normal of each face, shape (n_face, 3)."""
     corner = vertices[faces]
     edge = np.roll(corner, -1, axis=1) - corner
@@ -159,7 +159,7 @@ def _covers_once(vertices: F64, faces: I64, vector: F64) -> bool:
     return bool(abs(solid_angle.sum() - 4 * np.pi) < 1.0)
 
 
-def _merged(vector: F64) -> tuple[F64, F64]:
+def merged_facets(vector: F64) -> tuple[F64, F64]:
     """Normals and areas of facets, those of one normal summed up."""
     unit = vector / np.linalg.norm(vector, axis=1, keepdims=True)
     _, group = np.unique(np.round(unit / SAME_NORMAL) + 0.0, axis=0, return_inverse=True)

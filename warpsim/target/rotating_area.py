@@ -18,10 +18,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.quaternion import conjugate, rotated
+from warpsim.quaternion import conjugate, product, rotated
 from warpsim.target.attitude import BodyMotion, turns
 from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.temperature import interpolated
+from warpsim.target.torque_free import TorqueFreeMotion
 
 F64 = npt.NDArray[np.float64]
 
@@ -47,7 +48,7 @@ class RotatingArea:
     """Bodies of one shape and equal rotation rates, each with its axes and phases."""
 
     shape: Any
-    attitudes: Sequence[BodyMotion] | AttitudeRows
+    attitudes: Sequence[BodyMotion] | Sequence[TorqueFreeMotion] | AttitudeRows
     """The motion of each body, all with the same rates; or the table that all turn by."""
     span_s: float
     """Length of the time span [s]."""
@@ -95,7 +96,10 @@ class RotatingArea:
         """Rotation rates that change the projected area [rev/s]."""
         if isinstance(self.attitudes, AttitudeRows):
             return {}
-        motion = self.attitudes[0].attitude
+        first = self.attitudes[0]
+        if isinstance(first, TorqueFreeMotion):
+            return {"precession": first.nutation.precession_rev_s, "nutation": first.nutation.rate_rev_s}
+        motion = first.attitude
         rates = {"precession": motion.precession_rev_s, "rolling": motion.rolling_rev_s}
         return rates | ({"spin": motion.spin_rev_s} if self.shape.kind == "mesh" else {})
 
@@ -118,17 +122,27 @@ class RotatingArea:
     def _shown_m2(self, body: npt.NDArray[np.int64], time_s: F64, direction: F64) -> F64:
         """Projected area of bodies at times towards directions, all (n,) and (n, 3), at every phase; (n, n_point)."""
         assert not isinstance(self.attitudes, AttitudeRows)
-        frames = [attitude.frame for attitude in self.attitudes]
-        reference, first, second = np.moveaxis(np.stack([frame.axes for frame in frames])[body], 1, 0)
-        angles = {}
-        for name in ("precession", "rolling", "spin"):
-            turned = np.array([getattr(frame, f"{name}_phase_rev") for frame in frames])[body][:, None]
+
+        def turned_rev(name: str, start_rev: Sequence[float]) -> F64:
+            turned = np.array(start_rev)[body][:, None]
             if name in self._fast:
-                turned = turned + self._phases[self._fast.index(name)]
-            elif name in self._rates:
-                turned = turned + turns(self._rates[name], time_s)[:, None]
-            angles[name] = 2 * np.pi * turned
-        polar = angles["rolling"] + np.radians(self.attitudes[0].attitude.precession_angle_deg)
+                return np.asarray(turned + self._phases[self._fast.index(name)])
+            return np.asarray(turned + turns(self._rates[name], time_s)[:, None] if name in self._rates else turned)
+
+        free = [motion for motion in self.attitudes if isinstance(motion, TorqueFreeMotion)]
+        if free:
+            precession, nutation = (turned_rev(name, [0.0] * len(free)) for name in ("precession", "nutation"))
+            turned = free[0].nutation.turned(precession, nutation)
+            back = conjugate(product(np.stack([motion.frame for motion in free])[body][:, None], turned))
+            return projected_area_m2(self.shape, rotated(back, direction[:, None]))
+        motions = [motion for motion in self.attitudes if isinstance(motion, BodyMotion)]
+        frames = [motion.frame for motion in motions]
+        reference, first, second = np.moveaxis(np.stack([frame.axes for frame in frames])[body], 1, 0)
+        angles = {
+            name: 2 * np.pi * turned_rev(name, [getattr(frame, f"{name}_phase_rev") for frame in frames])
+            for name in ("precession", "rolling", "spin")
+        }
+        polar = angles["rolling"] + np.radians(motions[0].attitude.precession_angle_deg)
         # Into body axes: back by precession about the reference, by the polar angle, by spin (target/attitude.py).
         x, y, z = (np.einsum("ni,ni->n", direction, axis)[:, None] for axis in (first, second, reference))
         x, y = _turned_back(x, y, angles["precession"])
