@@ -156,7 +156,7 @@ def _short(value: float) -> str:
 def _orbit_lines(scenario: Scenario) -> list[str]:
     """Errors of tracks, and notes of paths and shapes."""
     scene, tracks = scenario.scene, scenario.tracks
-    lines = [f"  orbits     nodes every {tracks.step_s:g} s, interpolation error {tracks.error_m * 1e3:.2g} mm"]
+    lines = [f"  orbits     nodes every {tracks.steps} s, interpolation error {tracks.error_m * 1e3:.2g} mm"]
     for propagator in (scene.constellation, *(group.path for group in scene.groups)):
         notes = getattr(propagator, "notes", None)
         lines += [f"  note       {note}" for note in (notes(scenario.epoch, scene.duration_s) if notes else [])]
