@@ -1,14 +1,19 @@
-"""Sampling of tracks: the node grid of a scene, the step that keeps the interpolation error small, and that error.
+"""Sampling of tracks: node grids, the steps that keep the interpolation error small, and that error.
 
 The interpolation error of a cubic Hermite interval is `step^4 / 384 * |d4r/dt4|`, largest at its middle, so comparing
 with the propagator at the midpoints measures the worst error. On a circular orbit it is `a (n step)^4 / 384`: for
 1 mm, about 14 s in low orbit and 17 s at 1,600 km.
+
+Bodies that need about the same step have one: all that do with SHARED_STEP_S or more, those that need less in classes
+of a factor of four. The class of a body is by its own motion alone, so uneven bodies do not shorten the steps of others.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,8 +23,19 @@ from warpsim.orbit.track import Track
 
 F64 = NDArray[np.float64]
 
+I64 = NDArray[np.int64]
+
 StateFunction = Callable[[F64], tuple[F64, F64]]
 """time_s (n_time,) -> position_m, velocity_m_s, both (n_time, 3) or (n_time, n_object, 3)."""
+
+
+class SomeStatesFunction(Protocol):
+    """States of some objects of a propagator."""
+
+    def __call__(self, time_s: F64, bodies: I64) -> tuple[F64, F64]:
+        """Return positions and velocities at times (n_time,) of bodies, numbers (n,), both (n_time, n, 3)."""
+        ...
+
 
 TRACK_ERROR_M = 1e-3
 """Default bound of the interpolation error [m]."""
@@ -27,23 +43,29 @@ TRACK_ERROR_M = 1e-3
 WORST_TRACK_ERROR_M = 1.0
 """What is taken of motion that is not smooth."""
 
+SHARED_STEP_S = 8.0
+"""Shortest node step that all bodies share [s]: circular orbits need 12 s or more, the most eccentric ones 9 s."""
+
 SHORTEST_STEP_S = 0.01
 """Shortest node step [s]."""
 
 ROOM_S = 2.0
 """Room of the node grid before time 0, at least [s]: the light time of 600,000 km."""
 
-MOST_NODES = 30_000_000
-"""Nodes of all objects together: 1.4 GB, and 4 to 5 GB while they are made (8 GB where all are of one object)."""
+MOST_NODES = 20_000_000
+"""Nodes of all objects together: 1 GB, and below 2 GB while they are made."""
 
 MOST_ROUGH_NODES = 5_000_000
-"""Nodes of all objects together to which steps are shortened for motion that is not smooth."""
+"""Nodes of one object, and of a class of objects to which steps are shortened for motion that is not smooth."""
 
 ALWAYS_S = (-math.inf, math.inf)
 """Span of a track that matters throughout [s]."""
 
 _N_TRIAL = 96
-_PAIRS_PER_PIECE = 8_000_000  # states asked for at once: J2's take 1.1 GB, SGP4's 1.8 GB
+_PAIRS_PER_PIECE = 4_000_000  # states asked for at once: J2's take 0.6 GB, SGP4's 0.9 GB
+_CLASS = 4.0  # ratio of the steps of a class at most
+_MANY = 1000  # of more objects only those whose error is not far from the largest are tried again
+_TOGETHER = 256  # objects are cut into pieces of multiples of this: as free flight is integrated
 _BEND = 3.0**0.5 / 18.0  # largest u (1 - u) (1 - 2 u)
 _INCONSISTENT_M_S = 1e-4
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -195,35 +217,201 @@ def choose_step_s(
     then the step is taken from where shorter ones stop to help. Meant for satellites and targets: the Sun's distance in
     float64 is itself rounded to 0.03 mm, so its track takes the step of the others.
     """
-
-    def states(time_s: F64) -> tuple[F64, F64]:
-        return _finite_states(names, state, time_s)
-
-    step_s = _even_step_s(duration_s, max(min(30.0, longest_s), shortest_s))
-    before = math.inf, step_s  # error and step of the last shorter trial
-    too_long_s = math.inf
-    for _ in range(24):
-        worst_m = _trial_error_m(states, duration_s, step_s, counted_s)
-        ratio = (0.8 * error_m / max(worst_m, 1e-300)) ** 0.25
-        if 1.0 <= ratio < 1.3:
-            return step_s
-        if ratio < 1.0:
-            too_long_s = min(too_long_s, step_s)
-            if step_s < before[1]:
-                gain = math.log(before[0] / worst_m) / math.log(before[1] / step_s) if before[0] < math.inf else 4.0
-                if gain < 0.5:
-                    return step_s
-                before = worst_m, step_s
-        proposed_s = max(min(step_s * min(max(ratio * 0.999, 0.1), 8.0), longest_s), shortest_s)
-        next_s = _even_step_s(duration_s, proposed_s)
-        if next_s == step_s or (ratio >= 1.0 and next_s >= too_long_s):
-            return step_s
-        step_s = next_s
-    return step_s
+    sampler = _Sampler(names, state, None, duration_s, error_m, counted_s)
+    return sampler.choose(None, longest_s, shortest_s)[0]
 
 
-def _trial_error_m(state: StateFunction, duration_s: float, step_s: float, counted_s: ArrayLike) -> float:
-    """Largest error of intervals: all of a short scene, or some spread evenly over a long one."""
+def make_tracks(
+    names: Sequence[str],
+    state: StateFunction,
+    duration_s: float,
+    error_m: float = TRACK_ERROR_M,
+    counted_s: ArrayLike = ALWAYS_S,
+    longest_s: float = 3600.0,
+    some_states: SomeStatesFunction | None = None,
+) -> list[Track]:
+    """Sample objects with node steps chosen so that the measured error stays below error_m.
+
+    Objects have one step, but those that need less than SHARED_STEP_S: they have one with others that need as much
+    within a factor of four. Smooth motion keeps the error, for other motion see `Track.error_m`.
+
+    Args:
+        names: Of the objects.
+        state: States of all.
+        duration_s: Length of the scene [s].
+        error_m: Bound of the interpolation error [m].
+        counted_s: From when to when tracks matter [s], a pair for all or one each, (n_object, 2).
+        longest_s: Longest step [s].
+        some_states: States of some objects; if left out, those of all are computed.
+
+    Raises:
+        InputError: A state is not finite, or no step keeps the error below 1 m: the motion is too rough, or the scene
+            so long that the nodes would not fit into memory.
+    """
+    sampler = _Sampler(names, state, some_states, duration_s, error_m, counted_s)
+    left, found, room = np.arange(len(names)), dict[int, Track](), MOST_NODES
+    least_s = SHARED_STEP_S
+    while len(left):
+        made, left = sampler.tracks_of_class(left, longest_s, least_s, room)
+        found |= made
+        room = max(1, room - sum(track.n_node for track in made.values()))
+        least_s /= _CLASS
+    return [found[number] for number in range(len(names))]
+
+
+class _Sampler:
+    """Sampling of the objects of a scene, some of them at a time."""
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        state: StateFunction,
+        some_states: SomeStatesFunction | None,
+        duration_s: float,
+        error_m: float,
+        counted_s: ArrayLike,
+    ) -> None:
+        self._names, self._state = names, state
+        self._some_states = some_states or self._cut_states
+        self._duration_s, self._error_m, self._counted_s = duration_s, error_m, np.asarray(counted_s, np.float64)
+
+    def _cut_states(self, time_s: F64, bodies: I64) -> tuple[F64, F64]:
+        """States of some objects, of all that were computed."""
+        position_m, velocity_m_s = self._state(time_s)
+        return position_m[:, bodies], velocity_m_s[:, bodies]
+
+    def choose(
+        self, bodies: I64 | None, longest_s: float, shortest_s: float, least_s: float = 0.0
+    ) -> tuple[float, I64 | None]:
+        """Choose the step of bodies, all if None; those that need less than least_s are left out."""
+        duration_s, bound_m = self._duration_s, 0.8 * self._error_m
+        step_s = _even_step_s(duration_s, max(min(30.0, longest_s), shortest_s))
+        before = math.inf, step_s  # error and step of the last shorter trial
+        too_long_s = math.inf
+        tried = bodies
+        for _ in range(24):
+            errors_m = self._trial_errors_m(tried, step_s)
+            if bodies is not None and tried is not None:
+                stays = step_s * (bound_m / np.maximum(errors_m, 1e-300)) ** 0.25 >= least_s
+                bodies, tried, errors_m = np.setdiff1d(bodies, tried[~stays]), tried[stays], errors_m[stays]
+                if not len(bodies):
+                    break
+                if not len(tried):  # those left have not been tried with this step
+                    tried = bodies
+                    continue
+                if len(tried) > _MANY:
+                    tried = tried[errors_m >= 0.1 * errors_m.max()]
+            worst_m = float(errors_m.max(initial=0.0))
+            ratio = (bound_m / max(worst_m, 1e-300)) ** 0.25
+            if 1.0 <= ratio < 1.3:
+                break
+            if ratio < 1.0:
+                too_long_s = min(too_long_s, step_s)
+                if step_s < before[1]:
+                    gain = math.log(before[0] / worst_m) / math.log(before[1] / step_s) if before[0] < math.inf else 4.0
+                    if gain < 0.5:
+                        break
+                    before = worst_m, step_s
+            proposed_s = max(min(step_s * min(max(ratio * 0.999, 0.1), 8.0), longest_s), shortest_s)
+            next_s = _even_step_s(duration_s, proposed_s)
+            if next_s == step_s or (ratio >= 1.0 and next_s >= too_long_s):
+                break
+            step_s = next_s
+        return step_s, bodies
+
+    def tracks_of_class(self, bodies: I64, longest_s: float, least_s: float, room: int) -> tuple[dict[int, Track], I64]:
+        """Sample those of some bodies that need least_s or more, with one step; and the others, that need less.
+
+        room is how many nodes there may be.
+        """
+        duration_s, error_m = self._duration_s, self._error_m
+        shortest_s = max(SHORTEST_STEP_S, duration_s * len(bodies) / room, duration_s / MOST_ROUGH_NODES)
+        if least_s <= shortest_s:
+            least_s = 0.0
+        step_s, chosen = self.choose(bodies, longest_s, shortest_s, least_s)
+        own = bodies if chosen is None else chosen
+        shortest_s = max(shortest_s, min(0.5 * step_s, duration_s * len(own) / MOST_ROUGH_NODES))
+        first: tuple[float, float] | None = None  # error and step of the first sampling
+        while len(own):
+            tracks = self._sampled(own, step_s)
+            missed_m = np.array([track.error_m for track in tracks])
+            worst_m = float(missed_m.max())
+            if worst_m <= error_m or step_s <= shortest_s:
+                break
+            order = 4.0 if first is None else math.log(first[0] / worst_m) / math.log(first[1] / step_s)
+            if order < 0.5:  # of the error in the step: shorter ones do not help
+                break
+            # The worst interval was between the trials: a perigee, or a manoeuvre, where the velocity jumps.
+            needs_s = step_s * np.maximum(
+                0.25, 0.95 * (error_m / np.maximum(missed_m, 1e-300)) ** (1 / min(order, 4.0))
+            )
+            stays = (needs_s >= least_s) | (missed_m <= error_m)
+            if not stays.all():
+                own = own[stays]
+                tracks = [track for track, stay in zip(tracks, stays, strict=True) if stay]
+                worst_m = float(missed_m[stays].max(initial=0.0))
+                if worst_m <= error_m:
+                    break
+            first, tracks = first or (worst_m, step_s), []  # the next ones need their memory
+            proposed_s = step_s * max(0.25, 0.95 * (error_m / worst_m) ** (1 / min(order, 4.0)))
+            step_s = _even_step_s(duration_s, max(shortest_s, proposed_s))
+        if not len(own):
+            return {}, bodies
+        if worst_m > WORST_TRACK_ERROR_M:
+            self._refuse(own, tracks, step_s, shortest_s)
+        return dict(zip(own.tolist(), tracks, strict=True)), np.setdiff1d(bodies, own)
+
+    def _refuse(self, bodies: I64, tracks: Sequence[Track], step_s: float, shortest_s: float) -> None:
+        """Refuse tracks that are more than WORST_TRACK_ERROR_M off."""
+        rough = max(tracks, key=lambda track: track.error_m)
+        if SHORTEST_STEP_S < step_s <= shortest_s:
+            longer_s = _even_step_s(self._duration_s, 2.0 * step_s)
+            longer_m = max(track.error_m for track in self._sampled(bodies, longer_s))
+            if longer_s == step_s or longer_m > 2.0**0.5 * rough.error_m:
+                raise InputError(
+                    f"{self._duration_s:g} s are too long for {len(self._names)} satellites and targets: between as many "
+                    f"orbit nodes as fit into memory, {step_s:.3g} s apart, {rough.name} is {rough.error_m:.3g} m off "
+                    f"near {rough.error_at_s:.6g} s",
+                    "duration_s",
+                )
+        raise InputError(
+            f"the motion must be smooth, but near {rough.error_at_s:.6g} s it is {rough.error_m:.3g} m off between "
+            f"nodes {step_s:.3g} s apart",
+        ).of(rough.name)
+
+    def _sampled(self, bodies: I64, step_s: float) -> list[Track]:
+        """Tracks over a scene that the step divides evenly; outside it the motion is free."""
+        start_s, n_node = node_grid(self._duration_s, step_s)
+        ends = round(-start_s / step_s), n_node - 2
+        found: list[Track] = []
+        for names, state, spans_s in self._pieces(bodies, 2 * n_node):
+            found += sample_tracks(names, state, start_s, step_s, n_node, spans_s, ends)
+        return found
+
+    def _trial_errors_m(self, bodies: I64 | None, step_s: float) -> F64:
+        """Largest error of each body in intervals, as _trial_error_m [m]."""
+        n_time = min(2 * _n_step(self._duration_s, step_s) + 1, 7 * _N_TRIAL)
+        return np.concatenate([
+            _trial_error_m(partial(_finite_states, names, state), self._duration_s, step_s, spans_s)
+            for names, state, spans_s in self._pieces(bodies, n_time)
+        ])  # fmt: skip
+
+    def _pieces(self, bodies: I64 | None, n_time: int) -> Iterator[tuple[Sequence[str], StateFunction, F64]]:
+        """Names, states and spans of bodies, so many at a time that their states at n_time times take little memory."""
+        if bodies is None:
+            yield self._names, self._state, self._counted_s
+            return
+        at_once = max(1, _PAIRS_PER_PIECE // n_time)
+        at_once -= at_once % _TOGETHER if at_once > _TOGETHER else 0
+        for some in np.split(bodies, range(at_once, len(bodies), at_once)):
+            is_all = len(some) == len(self._names)
+            names = [self._names[number] for number in some.tolist()]
+            spans_s = self._counted_s[some] if self._counted_s.ndim > 1 else self._counted_s
+            yield names, self._state if is_all else partial(self._some_states, bodies=some), spans_s
+
+
+def _trial_error_m(state: StateFunction, duration_s: float, step_s: float, counted_s: ArrayLike) -> F64:
+    """Largest error of each object in intervals: all of a short scene, or some spread evenly over a long one."""
     n_interval = _n_step(duration_s, step_s)
     if n_interval <= _N_TRIAL:
         dense_m, velocity_m_s = state(0.5 * step_s * np.arange(2 * max(1, n_interval) + 1, dtype=np.float64))
@@ -234,7 +422,7 @@ def _trial_error_m(state: StateFunction, duration_s: float, step_s: float, count
         missed_m, end_s = _missed_at(state, begin_s, step_s), begin_s + step_s
     first_s, last_s = np.moveaxis(np.broadcast_to(counted_s, (missed_m.shape[1], 2)), -1, 0)
     counts = (end_s[:, None] > first_s) & (end_s[:, None] - step_s < last_s)
-    return float(missed_m[counts].max(initial=0.0))
+    return np.asarray(np.where(counts, missed_m, 0.0).max(axis=0, initial=0.0))
 
 
 def _missed_at(state: StateFunction, begin_s: F64, step_s: float) -> F64:
@@ -248,62 +436,3 @@ def _missed_at(state: StateFunction, begin_s: F64, step_s: float) -> F64:
     replaced = np.median(np.linalg.norm(slope_m_s - v, axis=-1), axis=(0, 1)) > _INCONSISTENT_M_S
     v = np.where(replaced[:, None], slope_m_s, v)
     return np.asarray(np.linalg.norm(_middle_m(p[2], p[4], v[0], v[1], step_s) - p[3], axis=-1))
-
-
-def make_tracks(
-    names: Sequence[str],
-    state: StateFunction,
-    duration_s: float,
-    error_m: float = TRACK_ERROR_M,
-    counted_s: ArrayLike = ALWAYS_S,
-    longest_s: float = 3600.0,
-) -> list[Track]:
-    """Sample objects with one node step for all, chosen so that the measured error stays below error_m.
-
-    Smooth motion keeps it, for other motion see `Track.error_m`.
-
-    Raises:
-        InputError: A state is not finite, or no step keeps the error below 1 m: the motion is too rough, or the scene
-            so long that the nodes would not fit into memory.
-    """
-    shortest_s = max(SHORTEST_STEP_S, duration_s * len(names) / MOST_NODES)
-    step_s = choose_step_s(state, duration_s, error_m, counted_s, longest_s, shortest_s, names)
-    shortest_s = max(shortest_s, min(0.5 * step_s, duration_s * len(names) / MOST_ROUGH_NODES))
-    first: tuple[float, float] | None = None  # error and step of the first sampling
-    while True:
-        tracks = _sampled(names, state, duration_s, step_s, counted_s)
-        worst_m = max(track.error_m for track in tracks)
-        if worst_m <= error_m or step_s <= shortest_s:
-            break
-        order = 4.0 if first is None else math.log(first[0] / worst_m) / math.log(first[1] / step_s)
-        if order < 0.5:  # of the error in the step: shorter ones do not help
-            break
-        # The worst interval was between the trials: a perigee, or a manoeuvre, where the velocity jumps.
-        first, tracks = first or (worst_m, step_s), []  # the next ones need their memory
-        proposed_s = step_s * max(0.25, 0.95 * (error_m / worst_m) ** (1 / min(order, 4.0)))
-        step_s = _even_step_s(duration_s, max(shortest_s, proposed_s))
-    if worst_m > WORST_TRACK_ERROR_M:
-        rough = max(tracks, key=lambda track: track.error_m)
-        if SHORTEST_STEP_S < step_s <= shortest_s:
-            longer_s = _even_step_s(duration_s, 2.0 * step_s)
-            longer_m = max(track.error_m for track in _sampled(names, state, duration_s, longer_s, counted_s))
-            if longer_m > 2.0**0.5 * worst_m:
-                raise InputError(
-                    f"the scene must be short enough for its orbit nodes to fit into memory, but even {step_s:.3g} s "
-                    f"apart, as many as can be of {len(names)} bodies over {duration_s:g} s, they are "
-                    f"{rough.error_m:.3g} m off near {rough.error_at_s:.6g} s",
-                ).of(rough.name)
-        raise InputError(
-            f"the motion must be smooth, but near {rough.error_at_s:.6g} s it is {rough.error_m:.3g} m off between "
-            f"nodes {step_s:.3g} s apart",
-        ).of(rough.name)
-    return tracks
-
-
-def _sampled(
-    names: Sequence[str], state: StateFunction, duration_s: float, step_s: float, counted_s: ArrayLike
-) -> list[Track]:
-    """Tracks over a scene that the step divides evenly; outside it the motion is free."""
-    start_s, n_node = node_grid(duration_s, step_s)
-    epoch = round(-start_s / step_s)
-    return sample_tracks(names, state, start_s, step_s, n_node, counted_s, (epoch, n_node - 2))

@@ -165,6 +165,7 @@ def build_tracks(
         duration_s,
         counted_s=np.concatenate([np.full((n_satellite, 2), [-math.inf, math.inf]), presence.counted_s]),
         longest_s=MARGIN_S if presence.changes else LONGEST_STEP_S,
+        some_states=motion.states,
     )
     longest = max(tracks, key=lambda track: track.step_s)
     earth = earth_states(epoch, longest.node_s)
