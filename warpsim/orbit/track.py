@@ -1,4 +1,4 @@
-"""Tracks (states at uniform nodes, by `orbit/sampling.py`), and polynomials through tabulated states.
+"""Tracks (states at uniform nodes, by `sampling.py`), and polynomials through tabulated states.
 
 Tracks have cubic Hermite interpolation between nodes. Tables have Lagrange's and Hermite's in sliding windows: one of k
 nodes lies around the interval that holds the time, as evenly as the table's ends allow, so that the motion passes

@@ -9,7 +9,7 @@ import numpy as np
 from warpsim.instant import instant_after
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
-from warpsim.orbit.sampling import TRACK_ERROR_M
+from warpsim.orbit.node_steps import TRACK_ERROR_M
 from warpsim.output.check_attitudes import target_attitude_lines
 from warpsim.output.check_sensor import sensor_lines
 from warpsim.output.check_views import count_replaced, replaced_text

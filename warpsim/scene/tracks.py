@@ -13,7 +13,7 @@ import numpy.typing as npt
 from warpsim.errors import InputError
 from warpsim.instant import Instant
 from warpsim.orbit.earth import pole_of_date
-from warpsim.orbit.sampling import make_tracks
+from warpsim.orbit.node_steps import make_tracks
 from warpsim.orbit.sun import earth_states
 from warpsim.orbit.track import PositionFunction, Track
 from warpsim.scene.groups import AnyConstellation, TargetGroup
