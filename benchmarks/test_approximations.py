@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 import warpsim as ws
-from warpsim.orbit.sampling import make_tracks
+from warpsim.orbit.node_steps import make_tracks
 from warpsim.speed.work import BAND, SpeedWork, render_call, speed_work
 
 N_CHECKED = 3

@@ -213,8 +213,13 @@ def test_tracks_and_functions_give_the_same(scenario):
     assert np.array_equal(stack.positions_m(t)[3], sensors[3].position_at_m(t))
     with pytest.raises(InputError, match="time_s: must be in the track's span"):
         stack.position_m(np.array([0]), np.array([1e5]))
-    with pytest.raises(InputError, match="must share one node grid"):
-        TrackStack([sensors[0], sample_tracks(["x"], lambda t: sensors[0].state(t), 0.0, 30.0, 10)[0]])
+    (finer,) = sample_tracks(["x"], sensors[0].state, 0.0, 3.0, 540)  # a step of its own
+    stack = TrackStack([*sensors, finer])
+    assert np.array_equal(stack.positions_m(t)[-1], finer.position_at_m(t))
+    assert np.array_equal(stack.positions_m(t)[:-1], TrackStack(sensors).positions_m(t))
+    assert np.array_equal(stack.position_m(np.array([3]), np.array([-5.0]))[0], sensors[3].position_at_m(-5.0))
+    with pytest.raises(InputError, match="x: time_s: must be in the track's span"):
+        stack.positions_m(np.array([-5.0]))
 
 
 ALL_RULES = {

@@ -9,10 +9,11 @@ from scipy.integrate import solve_ivp
 
 from warpsim.constants import EARTH_J2, EARTH_J3, EARTH_J4
 from warpsim.errors import InputError
-from warpsim.orbit import gravity, sampling
+from warpsim.orbit import gravity, node_steps, sampling
 from warpsim.orbit.elements import StateVector
 from warpsim.orbit.gravity import NoPathError, propagate
-from warpsim.orbit.sampling import choose_step_s, make_tracks, node_grid, sample_tracks
+from warpsim.orbit.node_steps import choose_step_s, make_tracks
+from warpsim.orbit.sampling import node_grid, sample_tracks
 from warpsim.orbit.track import Track
 from warpsim.orbit.two_body import stumpff
 
@@ -471,7 +472,7 @@ def test_trials_stay_within_the_scene():
 def test_tracks_made_in_pieces_are_the_same(monkeypatch):
     whole = sample_tracks(["a", "b"], two_orbits, -10.0, 10.0, 40)
     for n_pair in (1, 7, 60, 158, 1000):
-        monkeypatch.setattr(sampling, "_PAIRS_PER_PIECE", n_pair)
+        monkeypatch.setattr(sampling, "PAIRS_PER_PIECE", n_pair)
         pieces = sample_tracks(["a", "b"], two_orbits, -10.0, 10.0, 40)
         for one, other in zip(whole, pieces, strict=True):
             assert np.abs(one.position_m - other.position_m).max() < 1e-7
@@ -481,8 +482,8 @@ def test_tracks_made_in_pieces_are_the_same(monkeypatch):
 
 def test_scenes_too_long_for_the_memory_are_told_so(monkeypatch):
     """Smooth motion, but nodes 133 s apart at best."""
-    monkeypatch.setattr(sampling, "MOST_NODES", 300)
-    with pytest.raises(InputError, match=r"^b: the scene must be short enough for its orbit nodes to fit .* 133 s ap"):
+    monkeypatch.setattr(node_steps, "MOST_NODES", 300)
+    with pytest.raises(InputError, match=r"^duration_s: 20000 s are too long for 2 .* 133 s apart, b is \S+ m off"):
         make_tracks(["a", "b"], two_orbits, 20000.0)
 
 

@@ -21,7 +21,7 @@ from warpsim.errors import InputError
 from warpsim.instant import utc_time
 from warpsim.orbit.constellations import MixedConstellation
 from warpsim.orbit.earth import frame_to_gcrs, timescale
-from warpsim.orbit.sampling import make_tracks
+from warpsim.orbit.node_steps import make_tracks
 from warpsim.orbit.tle import TleOrbit, TleSatellites
 
 pytestmark = pytest.mark.filterwarnings("ignore:ERFA function")  # leap seconds of the future are not known

@@ -150,4 +150,4 @@ def test_light_time_has_room_when_steps_are_tiny(along):
 
 def test_tracks_say_what_they_are_and_not_all_they_hold():
     tracks = ws.Scene.load("stss").scenario.tracks
-    assert repr(tracks) == "Tracks(28 satellites, 30 targets, 141 nodes every 11.6957 s)"
+    assert repr(tracks) == "Tracks(28 satellites, 30 targets, nodes every 11.6957 s)"

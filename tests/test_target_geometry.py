@@ -284,12 +284,17 @@ def orbit_tracks(n_node=40, step_s=12.0, start_s=-12.0):
 
 def upload_tracks(tracks, device):
     """The kernels' Tracks, of bodies only."""
+    rows, first = np.zeros(len(tracks), dtype=motion.BodyNodes.numpy_dtype()), 0
+    for row, track in zip(rows, tracks, strict=True):
+        row["first"], row["steps_per_m"] = first, 1.0 / (SPEED_OF_LIGHT_M_S * track.step_s)
+        row["grid"] = track.start_s, track.step_s, track.n_node
+        first += track.n_node
     struct = apparent.Tracks()
-    struct.grid = motion.NodeGrid()
-    struct.grid.start_s, struct.grid.step_s, struct.grid.n_node = tracks[0].start_s, tracks[0].step_s, tracks[0].n_node
+    struct.nodes = motion.Nodes()
+    struct.nodes.bodies = wp.array(rows, dtype=motion.BodyNodes, device=device)
     for name in ("position_m", "velocity_m_s"):
-        values = np.stack([getattr(track, name) for track in tracks])
-        setattr(struct, name, wp.array(values, dtype=wp.vec3d, device=device))
+        values = np.concatenate([getattr(track, name) for track in tracks])
+        setattr(struct.nodes, name, wp.array(values, dtype=wp.vec3d, device=device))
     return struct
 
 
@@ -299,18 +304,20 @@ def hermite_kernel(
     time_s: wp.array[wp.float64],
     place: wp.array2d[wp.vec3d],
     speed: wp.array2d[wp.vec3d],
-    linear: wp.array2d[wp.vec3d],
+    linear: wp.array[wp.vec3d],
 ):
     body, i = wp.tid()
-    place[body, i] = motion.hermite_position_m(tracks.position_m, tracks.velocity_m_s, body, time_s[i], tracks.grid)
-    speed[body, i] = motion.hermite_velocity_m_s(tracks.position_m, tracks.velocity_m_s, body, time_s[i], tracks.grid)
-    linear[body, i] = motion.linear_vector(tracks.position_m[body], time_s[i], tracks.grid)
+    place[body, i] = motion.hermite_position_m(tracks.nodes, body, time_s[i])
+    speed[body, i] = motion.hermite_velocity_m_s(tracks.nodes, body, time_s[i])
+    if body == 0:
+        linear[i] = motion.linear_vector(tracks.nodes.position_m, time_s[i], tracks.nodes.bodies[0].grid)
 
 
-def test_tracks_between_nodes_are_the_hosts(device):
-    tracks = orbit_tracks()
+@pytest.mark.parametrize("step_s", [12.0, 3.0], ids=["one step", "two steps"])
+def test_tracks_between_nodes_are_the_hosts(device, step_s):
+    tracks = [orbit_tracks()[0], orbit_tracks(n_node=160, step_s=step_s)[1]]
     time = np.concatenate([np.random.default_rng(SEED).uniform(-12, 456, 2000), [-12.0, 0.0, 12.0, 456.0, 455.9999]])
-    outputs = [wp.empty((2, len(time)), dtype=wp.vec3d, device=device) for _ in range(3)]
+    outputs = [wp.empty(shape, dtype=wp.vec3d, device=device) for shape in ((2, len(time)), (2, len(time)), len(time))]
     inputs = [upload_tracks(tracks, device), wp.array(time, dtype=wp.float64, device=device)]
     wp.launch(hermite_kernel, (2, len(time)), inputs=inputs, outputs=outputs, device=device)
     place, speed, linear = (x.numpy() for x in outputs)
@@ -319,8 +326,8 @@ def test_tracks_between_nodes_are_the_hosts(device):
         position, velocity = track.state(time)
         np.testing.assert_allclose(place[body], position, rtol=0, atol=TRACK_ATOL_M)
         np.testing.assert_allclose(speed[body], velocity, rtol=0, atol=TRACK_ATOL_M)
-        straight = np.stack([np.interp(time, nodes_s, track.position_m[:, k]) for k in range(3)], axis=1)
-        np.testing.assert_allclose(linear[body], straight, rtol=0, atol=TRACK_ATOL_M)
+    straight = np.stack([np.interp(time, nodes_s, tracks[0].position_m[:, k]) for k in range(3)], axis=1)
+    np.testing.assert_allclose(linear, straight, rtol=0, atol=TRACK_ATOL_M)
 
 
 @wp.kernel(enable_backward=False)
@@ -335,7 +342,7 @@ def light_path_kernel(
     apparent_dir: wp.array[wp.vec3d],
 ):
     i = wp.tid()
-    observer = apparent.observer_of(time_s[i], tracks.grid, observer_m[i], earth_velocity_m_s, observer_velocity_m_s[i])
+    observer = apparent.observer_of(time_s[i], observer_m[i], earth_velocity_m_s, observer_velocity_m_s[i])
     path = apparent.path_from_body(tracks, 1, observer)
     range_m[i] = path.range_m
     emission_s[i] = path.emission_time_s

@@ -84,12 +84,12 @@ def make_aim_kernel(features: AimFeatures) -> wp.Kernel:
         view = wp.tid()
         time_s = view_time_s[view]
         sensor = int(view_sensor[view])
-        position_m = hermite_position_m(tracks.position_m, tracks.velocity_m_s, sensor, time_s, tracks.grid)
-        orbital_m_s = hermite_velocity_m_s(tracks.position_m, tracks.velocity_m_s, sensor, time_s, tracks.grid)
+        position_m = hermite_position_m(tracks.nodes, sensor, time_s)
+        orbital_m_s = hermite_velocity_m_s(tracks.nodes, sensor, time_s)
         earth_m_s = linear_vector(tracks.earth_velocity_m_s, time_s, tracks.grid)
         velocity_m_s = earth_m_s + orbital_m_s
         frame = local_frame(position_m, orbital_m_s)
-        observer = observer_of(time_s, tracks.grid, position_m, earth_m_s, velocity_m_s)
+        observer = observer_of(time_s, position_m, earth_m_s, velocity_m_s)
 
         since_middle_s = time_s - view_middle_s[view]
         step = int(0)

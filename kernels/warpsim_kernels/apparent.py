@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from warpsim_kernels.motion import NodeGrid, cubic_after, cubic_at, node_before
+from warpsim_kernels.motion import NodeGrid, Nodes, cubic_after, cubic_at, node_before, part_after
 
 SPEED_OF_LIGHT_M_S = wp.constant(wp.float64(299792458.0))
 ASTRONOMICAL_UNIT_M = wp.constant(wp.float64(149597870700.0))
@@ -74,9 +74,6 @@ class Observer:
 
     time_s: wp.float64
     position_m: wp.vec3d  # geocentric
-    node: int  # of the tracks, before time_s
-    part: wp.float64  # of the step that has gone by since
-    part_per_m: wp.float64  # steps that light takes for a metre
     to_barycentric: Boost  # out of the geocentric frame
     to_observer: Boost  # from there into the observer's
 
@@ -84,18 +81,14 @@ class Observer:
 @wp.func
 def observer_of(
     time_s: wp.float64,
-    grid: NodeGrid,
     position_m: wp.vec3d,
     earth_velocity_m_s: wp.vec3d,
     velocity_m_s: wp.vec3d,  # barycentric
 ) -> Observer:
-    """An observer at a time of the tracks."""
+    """An observer at a time."""
     observer = Observer()
     observer.time_s = time_s
     observer.position_m = position_m
-    observer.node = node_before(time_s, grid)
-    observer.part = (time_s - grid.start_s) / grid.step_s - wp.float64(observer.node)
-    observer.part_per_m = wp.float64(1.0) / (SPEED_OF_LIGHT_M_S * grid.step_s)
     observer.to_barycentric = boost_by(-earth_velocity_m_s)
     observer.to_observer = boost_by(velocity_m_s)
     return observer
@@ -124,13 +117,12 @@ class Presence:
 
 @wp.struct
 class Tracks:
-    """Positions of all bodies, sensors first, then targets, at the nodes of a grid."""
+    """Motion of all bodies, sensors first, then targets, and of the Earth."""
 
-    position_m: wp.array2d[wp.vec3d]  # (n_body, n_node) geocentric
-    velocity_m_s: wp.array2d[wp.vec3d]  # (n_body, n_node)
+    nodes: Nodes
     earth_velocity_m_s: wp.array[wp.vec3d]  # (n_node,) barycentric
     presence: Presence
-    grid: NodeGrid
+    grid: NodeGrid  # of the Earth and the Sun
     first_target: int  # row of the first target
 
 
@@ -144,18 +136,21 @@ def path_from_body(tracks: Tracks, body: int, observer: Observer) -> LightPath:
     star's, so that targets and stars are seen by the same rule to second order in v / c.
     """
     path = LightPath()
-    node = observer.node
-    way = cubic_after(tracks.position_m, tracks.velocity_m_s, body, node, tracks.grid)
-    part = observer.part - wp.length(cubic_at(way, observer.part) - observer.position_m) * observer.part_per_m
+    own = tracks.nodes.bodies[body]
+    last = node_before(observer.time_s, own.grid)
+    node = last
+    since_last = part_after(observer.time_s, last, own.grid)
+    way = cubic_after(tracks.nodes, own, node)
+    part = since_last - wp.length(cubic_at(way, since_last) - observer.position_m) * own.steps_per_m
     if part < wp.float64(0.0) and node > 0:  # the light left before the node
         node = wp.max(node + int(wp.floor(part)), 0)
-        way = cubic_after(tracks.position_m, tracks.velocity_m_s, body, node, tracks.grid)
-    since_node = observer.part + wp.float64(observer.node - node)
-    part = part + wp.float64(observer.node - node)
+        way = cubic_after(tracks.nodes, own, node)
+    since_node = since_last + wp.float64(last - node)
+    part = part + wp.float64(last - node)
     for _ in range(2):
         path.vector_m = cubic_at(way, part) - observer.position_m
         path.range_m = wp.length(path.vector_m)
-        part = since_node - path.range_m * observer.part_per_m
+        part = since_node - path.range_m * own.steps_per_m
     path.emission_time_s = observer.time_s - path.range_m / SPEED_OF_LIGHT_M_S
     seen = boosted(path.vector_m, path.range_m, observer.to_barycentric)
     length_m = boosted_length(path.vector_m, path.range_m, observer.to_barycentric)

@@ -1,6 +1,7 @@
 """Positions and attitudes at an instant, in float64.
 
-Tracks are positions and velocities at uniform nodes; between nodes the cubic Hermite polynomial is used.
+Tracks are positions and velocities at uniform nodes, those of each body in its own step; between nodes the cubic
+Hermite polynomial is used.
 """
 
 import warp as wp
@@ -12,7 +13,7 @@ TWO_PI = wp.constant(wp.float64(6.283185307179586))
 
 @wp.struct
 class NodeGrid:
-    """The uniform time nodes that all tracks of a scene share."""
+    """Uniform time nodes."""
 
     start_s: wp.float64
     step_s: wp.float64
@@ -26,6 +27,30 @@ def node_before(time_s: wp.float64, grid: NodeGrid) -> int:
     return wp.clamp(node, 0, grid.n_node - 2)
 
 
+@wp.func
+def part_after(time_s: wp.float64, node: int, grid: NodeGrid) -> wp.float64:
+    """The part of a step that has gone by since a node."""
+    return (time_s - grid.start_s) / grid.step_s - wp.float64(node)
+
+
+@wp.struct
+class BodyNodes:
+    """The nodes of a body."""
+
+    grid: NodeGrid
+    first: int  # index of its first node among those of all bodies
+    steps_per_m: wp.float64  # steps that light takes for a metre
+
+
+@wp.struct
+class Nodes:
+    """States of bodies at their nodes, one body after the other."""
+
+    bodies: wp.array[BodyNodes]  # (n_body,)
+    position_m: wp.array[wp.vec3d]  # (n_node,) geocentric
+    velocity_m_s: wp.array[wp.vec3d]  # (n_node,)
+
+
 @wp.struct
 class Cubic:
     """A polynomial in the part of a step that has gone by: what Hermite's is between two nodes."""
@@ -37,16 +62,15 @@ class Cubic:
 
 
 @wp.func
-def cubic_after(
-    position_m: wp.array2d[wp.vec3d], velocity_m_s: wp.array2d[wp.vec3d], body: int, node: int, grid: NodeGrid
-) -> Cubic:
+def cubic_after(nodes: Nodes, own: BodyNodes, node: int) -> Cubic:
     """Positions of a body from a node to the next [m]."""
     two = wp.float64(2.0)
+    at = own.first + node
     way = Cubic()
-    way.start = position_m[body, node]
-    chord = position_m[body, node + 1] - way.start  # small against the geocentric distance: last bits are kept
-    m0 = velocity_m_s[body, node] * grid.step_s
-    m1 = velocity_m_s[body, node + 1] * grid.step_s
+    way.start = nodes.position_m[at]
+    chord = nodes.position_m[at + 1] - way.start  # small against the geocentric distance: last bits are kept
+    m0 = nodes.velocity_m_s[at] * own.grid.step_s
+    m1 = nodes.velocity_m_s[at + 1] * own.grid.step_s
     way.first = m0
     way.second = chord * wp.float64(3.0) - m0 * two - m1
     way.third = m0 + m1 - chord * two
@@ -60,37 +84,27 @@ def cubic_at(way: Cubic, part: wp.float64) -> wp.vec3d:
 
 
 @wp.func
-def hermite_position_m(
-    position_m: wp.array2d[wp.vec3d],
-    velocity_m_s: wp.array2d[wp.vec3d],
-    body: int,
-    time_s: wp.float64,
-    grid: NodeGrid,
-) -> wp.vec3d:
+def hermite_position_m(nodes: Nodes, body: int, time_s: wp.float64) -> wp.vec3d:
     """Position of a body at time_s [m]."""
-    node = node_before(time_s, grid)
-    part = (time_s - grid.start_s) / grid.step_s - wp.float64(node)
-    return cubic_at(cubic_after(position_m, velocity_m_s, body, node, grid), part)
+    own = nodes.bodies[body]
+    node = node_before(time_s, own.grid)
+    return cubic_at(cubic_after(nodes, own, node), part_after(time_s, node, own.grid))
 
 
 @wp.func
-def hermite_velocity_m_s(
-    position_m: wp.array2d[wp.vec3d],
-    velocity_m_s: wp.array2d[wp.vec3d],
-    body: int,
-    time_s: wp.float64,
-    grid: NodeGrid,
-) -> wp.vec3d:
+def hermite_velocity_m_s(nodes: Nodes, body: int, time_s: wp.float64) -> wp.vec3d:
     """Velocity of a body at time_s [m/s]: the derivative of the Hermite polynomial."""
-    node = node_before(time_s, grid)
-    u = (time_s - grid.start_s) / grid.step_s - wp.float64(node)
+    own = nodes.bodies[body]
+    node = node_before(time_s, own.grid)
+    at = own.first + node
+    u = part_after(time_s, node, own.grid)
     one = wp.float64(1.0)
     three = wp.float64(3.0)
     six = wp.float64(6.0)
     two = wp.float64(2.0)
-    chord = (position_m[body, node + 1] - position_m[body, node]) / grid.step_s
-    v0 = velocity_m_s[body, node]
-    v1 = velocity_m_s[body, node + 1]
+    chord = (nodes.position_m[at + 1] - nodes.position_m[at]) / own.grid.step_s
+    v0 = nodes.velocity_m_s[at]
+    v1 = nodes.velocity_m_s[at + 1]
     w = one - u
     return chord * (six * u * w) + v0 * (w * (one - three * u)) + v1 * (u * (three * u - two))
 
@@ -99,7 +113,7 @@ def hermite_velocity_m_s(
 def linear_vector(values: wp.array[wp.vec3d], time_s: wp.float64, grid: NodeGrid) -> wp.vec3d:
     """A slowly changing vector (the Earth's barycentric velocity) between nodes."""
     node = node_before(time_s, grid)
-    u = (time_s - grid.start_s) / grid.step_s - wp.float64(node)
+    u = part_after(time_s, node, grid)
     return values[node] + (values[node + 1] - values[node]) * u
 
 

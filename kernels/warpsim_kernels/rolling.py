@@ -114,7 +114,7 @@ def make_locate_targets_kernel(distortion: bool) -> wp.Kernel:
         time_s = path_time_s[view, middle]
         earth_m_s = linear_vector(tracks.earth_velocity_m_s, time_s, tracks.grid)
         camera_at = path[view, middle]
-        observer = observer_of(time_s, tracks.grid, camera_at.position_m, earth_m_s, camera_at.velocity_m_s)
+        observer = observer_of(time_s, camera_at.position_m, earth_m_s, camera_at.velocity_m_s)
         light = path_from_target(tracks, tracks.first_target + target, observer)
         sources.xy_px[view, target] = wp.vec2d(wp.float64(-1.0e9), wp.float64(-1.0e9))
         if depth(camera_at.axes, light.apparent) > wp.float64(0.0):

@@ -171,7 +171,7 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
         time_s = view_time_s[own]
         camera_at = views[own]
         earth_m_s = linear_vector(tracks.earth_velocity_m_s, time_s, tracks.grid)
-        observer = observer_of(time_s, tracks.grid, camera_at.position_m, earth_m_s, camera_at.velocity_m_s)
+        observer = observer_of(time_s, camera_at.position_m, earth_m_s, camera_at.velocity_m_s)
         sun_m = linear_vector(bodies.surroundings.sun_m, time_s, tracks.grid)
         sun_m_s = linear_rate(bodies.surroundings.sun_m, time_s, tracks.grid)
         for number in range(thread, bodies.targets.shape[0], threads_per_view):
@@ -184,9 +184,8 @@ def make_observe_targets_kernel(features: Features) -> wp.Kernel:
             motion = RelativeMotion()
             if wp.static(features.profile):
                 motion.vector_m = path.vector_m
-                motion.velocity_m_s = hermite_velocity_m_s(
-                    tracks.position_m, tracks.velocity_m_s, body, path.emission_time_s, tracks.grid
-                ) - (camera_at.velocity_m_s - earth_m_s)
+                body_m_s = hermite_velocity_m_s(tracks.nodes, body, path.emission_time_s)
+                motion.velocity_m_s = body_m_s - (camera_at.velocity_m_s - earth_m_s)
             seen.temperature_k = temperature_k(
                 bodies.tables.temperatures, target.temperature_first, target.temperature_count, path.emission_time_s
             )

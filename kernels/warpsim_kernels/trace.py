@@ -128,7 +128,7 @@ def make_trace_targets_kernel(distortion: bool) -> wp.Kernel:
             time_s = path_time_s[view, k]
             earth_m_s = linear_vector(tracks.earth_velocity_m_s, time_s, tracks.grid)
             camera_at = path[view, k]
-            observer = observer_of(time_s, tracks.grid, camera_at.position_m, earth_m_s, camera_at.velocity_m_s)
+            observer = observer_of(time_s, camera_at.position_m, earth_m_s, camera_at.velocity_m_s)
             light = path_from_target(tracks, tracks.first_target + target, observer)
             if depth(camera_at.axes, light.apparent) <= _ASIDE:
                 clear_series(sources.offset_px, view, target, instants.n_path)

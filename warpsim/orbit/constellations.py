@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
 F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
 
 Orbit = Annotated[
     BallisticArc | StateVector | KeplerOrbit | TleOrbit | EphemerisOrbit,
@@ -53,18 +54,47 @@ class Propagator(Protocol):
 
 
 def states_of(
-    propagator: Propagator, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None = None
+    propagator: Propagator,
+    epoch: Epoch,
+    time_s: ArrayLike,
+    within_s: tuple[float, float] | None = None,
+    bodies: I64 | None = None,
 ) -> tuple[F64, F64]:
     """States of a propagator, of which only those within a span matter, if one is given.
 
     What knows its motion for a limited time only has `states_within(epoch, time_s, within_s)`: it must cover the span,
-    and before and after it the motion goes on freely.
+    and before and after it the motion goes on freely. `bodies` are the numbers, ascending, of the objects that are
+    asked for, all if left out.
     """
+    if bodies is not None:
+        return _states_of_some(propagator, epoch, time_s, within_s, bodies)
     limited = None if within_s is None else getattr(propagator, "states_within", None)
     if limited is None:
         return propagator.states(epoch, time_s)
     position, velocity = limited(epoch, time_s, within_s)
     return position, velocity
+
+
+def _states_of_some(
+    propagator: Any, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None, bodies: I64
+) -> tuple[F64, F64]:
+    """States of some of the objects of a propagator; the others are not propagated."""
+    if isinstance(propagator, MixedConstellation):
+        members = [("", item) for item in propagator.parts]
+        return _side_by_side(members, epoch, time_s, within_s, bodies)
+    if isinstance(propagator, Walker):
+        start_m, start_m_s = (part[bodies] for part in propagator.state())
+        return propagate(start_m, start_m_s, time_s, propagator.gravity, pole_of_date(epoch))
+    if isinstance(propagator, SeedPattern):
+        start_m, start_m_s = (part[bodies] for part in propagator.state(epoch))
+        return propagate(start_m, start_m_s, time_s, propagator.copies_gravity, pole_of_date(epoch))
+    if isinstance(propagator, ListedSatellites):
+        some = tuple(propagator.satellites[number] for number in bodies.tolist())
+        return states_of(dataclasses.replace(propagator, satellites=some), epoch, time_s, within_s)
+    if isinstance(propagator, TleSatellites | EphemerisSatellites):
+        return states_of(propagator.some(bodies.tolist()), epoch, time_s, within_s)
+    position, velocity = states_of(propagator, epoch, time_s, within_s)
+    return position[:, bodies], velocity[:, bodies]
 
 
 DEEPEST_MIXTURE = 20
@@ -336,12 +366,21 @@ def _side_by_side(
     epoch: Epoch,
     time_s: ArrayLike,
     within_s: tuple[float, float] | None = None,
+    bodies: I64 | None = None,
 ) -> tuple[F64, F64]:
-    """States of several propagators along the axis of objects."""
+    """States of several propagators along the axis of objects: of all objects, or of those of some numbers."""
     positions, velocities = [], []
+    first = 0
     for name, propagator in members:
+        own = None
+        if bodies is not None:
+            n_object = len(propagator.names)  # type: ignore[attr-defined]
+            own = bodies[(bodies >= first) & (bodies < first + n_object)] - first
+            first += n_object
+            if not len(own):
+                continue
         try:
-            position, velocity = states_of(propagator, epoch, time_s, within_s)
+            position, velocity = states_of(propagator, epoch, time_s, within_s, own)
         except InputError as error:
             raise error.of(name) from None
         positions.append(position)

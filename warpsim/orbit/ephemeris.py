@@ -9,6 +9,7 @@ outside it are room for its node grid, and the motion goes on from the segment a
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import math
 import os
@@ -195,6 +196,12 @@ class EphemerisSatellites(_FileMotion):
     @cached_property
     def _all(self) -> list[_Path]:
         return _paths([segment for source in self._sources for segment in ephemeris_of(source)])
+
+    def some(self, numbers: Iterable[int]) -> EphemerisSatellites:
+        """Return the constellation of some of the objects, by their numbers."""
+        rest = dataclasses.replace(self)
+        rest.__dict__["_all"] = [self._all[number] for number in numbers]
+        return rest
 
 
 class _Path:

@@ -1,4 +1,4 @@
-"""Sampling of tracks: the node grid of a scene, the step that keeps the interpolation error small, and that error.
+"""Sampling of tracks: the node grid of a step, and the interpolation error. `node_steps.py` chooses the step.
 
 The interpolation error of a cubic Hermite interval is `step^4 / 384 * |d4r/dt4|`, largest at its middle, so comparing
 with the propagator at the midpoints measures the worst error. On a circular orbit it is `a (n step)^4 / 384`: for
@@ -21,36 +21,23 @@ F64 = NDArray[np.float64]
 StateFunction = Callable[[F64], tuple[F64, F64]]
 """time_s (n_time,) -> position_m, velocity_m_s, both (n_time, 3) or (n_time, n_object, 3)."""
 
-TRACK_ERROR_M = 1e-3
-"""Default bound of the interpolation error [m]."""
-
-WORST_TRACK_ERROR_M = 1.0
-"""What is taken of motion that is not smooth."""
-
-SHORTEST_STEP_S = 0.01
-"""Shortest node step [s]."""
-
 ROOM_S = 2.0
 """Room of the node grid before time 0, at least [s]: the light time of 600,000 km."""
-
-MOST_NODES = 30_000_000
-"""Nodes of all objects together: 1.4 GB, and 4 to 5 GB while they are made (8 GB where all are of one object)."""
-
-MOST_ROUGH_NODES = 5_000_000
-"""Nodes of all objects together to which steps are shortened for motion that is not smooth."""
 
 ALWAYS_S = (-math.inf, math.inf)
 """Span of a track that matters throughout [s]."""
 
-_N_TRIAL = 96
-_PAIRS_PER_PIECE = 8_000_000  # states asked for at once: J2's take 1.1 GB, SGP4's 1.8 GB
+PAIRS_PER_PIECE = 4_000_000
+"""States asked for at once: J2's take 0.6 GB, SGP4's 0.9 GB."""
+
+INCONSISTENT_M_S = 1e-4
+"""Velocities that are not the derivative of the positions by more than this are replaced."""
+
 _BEND = 3.0**0.5 / 18.0  # largest u (1 - u) (1 - 2 u)
-_INCONSISTENT_M_S = 1e-4
-_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 def node_grid(duration_s: float, step_s: float) -> tuple[float, int]:
-    """Return start_s and n_node of the grid shared by all tracks of a scene.
+    """Return start_s and n_node of the grid of the tracks with a step.
 
     Time 0 is a node. Before it there is room for light time, ROOM_S or a step, whichever is longer; behind duration_s
     there is a step.
@@ -60,20 +47,20 @@ def node_grid(duration_s: float, step_s: float) -> tuple[float, int]:
     if not (math.isfinite(step_s) and step_s > 0):
         raise InputError("must be > 0", "step_s", step_s)
     n_before = max(1, math.ceil(round(ROOM_S / step_s, 9)))
-    return -n_before * step_s, n_before + _n_step(duration_s, step_s) + 2
+    return -n_before * step_s, n_before + n_step(duration_s, step_s) + 2
 
 
-def _n_step(duration_s: float, step_s: float) -> int:
+def n_step(duration_s: float, step_s: float) -> int:
     """Steps that cover a time."""
     return math.ceil(round(duration_s / step_s, 9))  # rounded: 1614 / 0.1 is 16140 steps, not 16141
 
 
-def _even_step_s(duration_s: float, step_s: float) -> float:
+def even_step_s(duration_s: float, step_s: float) -> float:
     """The longest step up to step_s that divides the scene evenly: its end is a node, as its beginning is.
 
     So what the motion does outside the scene has no part in the tracks within.
     """
-    return duration_s / max(1, _n_step(duration_s, step_s)) if duration_s > 0 else step_s
+    return duration_s / max(1, n_step(duration_s, step_s)) if duration_s > 0 else step_s
 
 
 def sample_tracks(
@@ -93,10 +80,10 @@ def sample_tracks(
     """
     time_s: F64 = start_s + 0.5 * step_s * np.arange(2 * n_node - 1, dtype=np.float64)
     position_m, velocity_m_s = np.empty((len(time_s), len(names), 3)), np.empty((n_node, len(names), 3))
-    rows = 2 * max(1, _PAIRS_PER_PIECE // (2 * max(1, len(names))))
+    rows = 2 * max(1, PAIRS_PER_PIECE // (2 * max(1, len(names))))
     for begin in range(0, len(time_s), rows):
         piece = slice(begin, begin + rows)
-        some_m, some_m_s = _finite_states(names, state, time_s[piece])
+        some_m, some_m_s = finite_states(names, state, time_s[piece])
         if some_m.shape[1] != len(names):
             raise InputError(f"must be {some_m.shape[1]}, one per object", "names", len(names))
         position_m[piece], velocity_m_s[begin // 2 : (begin + rows) // 2] = some_m, some_m_s[::2]
@@ -107,7 +94,7 @@ def sample_tracks(
     ]
 
 
-def _finite_states(names: Sequence[str], state: StateFunction, time_s: F64) -> tuple[F64, F64]:
+def finite_states(names: Sequence[str], state: StateFunction, time_s: F64) -> tuple[F64, F64]:
     """Positions and velocities, each (n_time, n_object, 3), none of them NaN or infinite."""
     position_m, velocity_m_s = (np.asarray(x, np.float64).reshape(len(time_s), -1, 3) for x in state(time_s))
     good = np.isfinite(position_m).all(axis=-1) & np.isfinite(velocity_m_s).all(axis=-1)
@@ -128,7 +115,7 @@ def _one_track(
     ends: tuple[int, int] | None,
 ) -> Track:
     """Track of positions at nodes and middles, (2 n - 1, 3), and velocities at nodes, (n, 3)."""
-    used_m_s, missed_m = _assessed(dense_m, velocity_m_s, step_s, ends)
+    used_m_s, missed_m = assessed(dense_m, velocity_m_s, step_s, ends)
     p, v = np.ascontiguousarray(dense_m[::2]), np.ascontiguousarray(used_m_s)
     node_s = start_s + step_s * np.arange(len(p))
     missed_m[(node_s[1:] <= counted_s[0]) | (node_s[:-1] >= counted_s[1])] = 0.0
@@ -136,7 +123,7 @@ def _one_track(
     return Track(name, start_s, step_s, p, v, float(missed_m[worst]), start_s + (worst + 0.5) * step_s)
 
 
-def _assessed(dense_m: F64, velocity_m_s: F64, step_s: float, ends: tuple[int, int] | None = None) -> tuple[F64, F64]:
+def assessed(dense_m: F64, velocity_m_s: F64, step_s: float, ends: tuple[int, int] | None = None) -> tuple[F64, F64]:
     """Velocities used by the interpolant (n, ..., 3), and its error in each interval [m], (n - 1, ...).
 
     A velocity that is not the derivative of the positions shifts the interpolant by up to 0.096 step times the
@@ -148,12 +135,12 @@ def _assessed(dense_m: F64, velocity_m_s: F64, step_s: float, ends: tuple[int, i
     if len(velocity_m_s) > 2:
         slope_m_s = _slopes(dense_m, 0.5 * step_s)
         differ_m_s = np.linalg.norm(slope_m_s - velocity_m_s, axis=-1)
-        replaced = np.median(differ_m_s, axis=0) > _INCONSISTENT_M_S
+        replaced = np.median(differ_m_s, axis=0) > INCONSISTENT_M_S
         velocity_m_s = np.where(replaced[..., None], slope_m_s, velocity_m_s)
         differ_m_s = np.where(replaced, 0.0, differ_m_s)
         if ends is not None:
             differ_m_s[: ends[0] + 1], differ_m_s[ends[1] :] = 0.0, 0.0
-    middle_m = _middle_m(dense_m[:-1:2], dense_m[2::2], velocity_m_s[:-1], velocity_m_s[1:], step_s)
+    middle_m = interpolated_middle_m(dense_m[:-1:2], dense_m[2::2], velocity_m_s[:-1], velocity_m_s[1:], step_s)
     missed_m = np.linalg.norm(middle_m - dense_m[1::2], axis=-1)
     missed_m += _BEND * step_s * 0.5 * (differ_m_s[:-1] + differ_m_s[1:])
     return velocity_m_s, missed_m
@@ -162,148 +149,17 @@ def _assessed(dense_m: F64, velocity_m_s: F64, step_s: float, ends: tuple[int, i
 def _slopes(dense_m: F64, h: float) -> F64:
     """Derivatives at every second of equidistant positions, h apart, to fourth order; (2 n - 1, ...) to (n, ...)."""
     slope = np.empty(((len(dense_m) + 1) // 2, *dense_m.shape[1:]))
-    slope[1:-1] = _central(dense_m[:-4:2], dense_m[1:-3:2], dense_m[3:-1:2], dense_m[4::2], h)
+    slope[1:-1] = central(dense_m[:-4:2], dense_m[1:-3:2], dense_m[3:-1:2], dense_m[4::2], h)
     one_sided = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / (12.0 * h)
     slope[0], slope[-1] = np.tensordot(one_sided, dense_m[:5], 1), np.tensordot(-one_sided, dense_m[:-6:-1], 1)
     return slope
 
 
-def _central(before2: F64, before1: F64, after1: F64, after2: F64, h: float) -> F64:
+def central(before2: F64, before1: F64, after1: F64, after2: F64, h: float) -> F64:
     """Derivative from two neighbours on either side, to fourth order."""
     return (8.0 * (after1 - before1) - (after2 - before2)) / (12.0 * h)
 
 
-def _middle_m(p0: F64, p1: F64, v0: F64, v1: F64, step_s: float) -> F64:
+def interpolated_middle_m(p0: F64, p1: F64, v0: F64, v1: F64, step_s: float) -> F64:
     """The interpolant half-way between nodes."""
     return 0.5 * (p0 + p1) + 0.125 * step_s * (v0 - v1)
-
-
-def choose_step_s(
-    state: StateFunction,
-    duration_s: float,
-    error_m: float = TRACK_ERROR_M,
-    counted_s: ArrayLike = ALWAYS_S,
-    longest_s: float = 3600.0,
-    shortest_s: float = SHORTEST_STEP_S,
-    names: Sequence[str] = (),
-) -> float:
-    """Return a node step [s] whose measured interpolation error over [0, duration_s] stays below error_m.
-
-    The error of smooth motion scales with the fourth power of the step; trials at intervals spread over the scene, and
-    never outside it, give the step. It divides the scene evenly, and aims at 80 % of the bound to leave room for what
-    is between the trials. Motion that is not smooth, as that of a table with few digits, may never come below error_m:
-    then the step is taken from where shorter ones stop to help. Meant for satellites and targets: the Sun's distance in
-    float64 is itself rounded to 0.03 mm, so its track takes the step of the others.
-    """
-
-    def states(time_s: F64) -> tuple[F64, F64]:
-        return _finite_states(names, state, time_s)
-
-    step_s = _even_step_s(duration_s, max(min(30.0, longest_s), shortest_s))
-    before = math.inf, step_s  # error and step of the last shorter trial
-    too_long_s = math.inf
-    for _ in range(24):
-        worst_m = _trial_error_m(states, duration_s, step_s, counted_s)
-        ratio = (0.8 * error_m / max(worst_m, 1e-300)) ** 0.25
-        if 1.0 <= ratio < 1.3:
-            return step_s
-        if ratio < 1.0:
-            too_long_s = min(too_long_s, step_s)
-            if step_s < before[1]:
-                gain = math.log(before[0] / worst_m) / math.log(before[1] / step_s) if before[0] < math.inf else 4.0
-                if gain < 0.5:
-                    return step_s
-                before = worst_m, step_s
-        proposed_s = max(min(step_s * min(max(ratio * 0.999, 0.1), 8.0), longest_s), shortest_s)
-        next_s = _even_step_s(duration_s, proposed_s)
-        if next_s == step_s or (ratio >= 1.0 and next_s >= too_long_s):
-            return step_s
-        step_s = next_s
-    return step_s
-
-
-def _trial_error_m(state: StateFunction, duration_s: float, step_s: float, counted_s: ArrayLike) -> float:
-    """Largest error of intervals: all of a short scene, or some spread evenly over a long one."""
-    n_interval = _n_step(duration_s, step_s)
-    if n_interval <= _N_TRIAL:
-        dense_m, velocity_m_s = state(0.5 * step_s * np.arange(2 * max(1, n_interval) + 1, dtype=np.float64))
-        _, missed_m = _assessed(dense_m, velocity_m_s[::2], step_s)
-        end_s = step_s * np.arange(1, len(missed_m) + 1)
-    else:
-        begin_s = step_s + (duration_s - 3.0 * step_s) * np.mod(_GOLDEN * np.arange(_N_TRIAL), 1.0)
-        missed_m, end_s = _missed_at(state, begin_s, step_s), begin_s + step_s
-    first_s, last_s = np.moveaxis(np.broadcast_to(counted_s, (missed_m.shape[1], 2)), -1, 0)
-    counts = (end_s[:, None] > first_s) & (end_s[:, None] - step_s < last_s)
-    return float(missed_m[counts].max(initial=0.0))
-
-
-def _missed_at(state: StateFunction, begin_s: F64, step_s: float) -> F64:
-    """Errors at the middles of single intervals [m], (n_interval, n_object), with the velocities that a track has."""
-    # States half a step apart, from one step before each interval to one behind it, (7, n_interval, n_object, 3).
-    h_s = 0.5 * step_s
-    time_s = begin_s + h_s * np.arange(-2.0, 5.0)[:, None]
-    p, v = (x.reshape(*time_s.shape, -1, 3) for x in state(time_s.ravel()))
-    slope_m_s = np.stack([_central(p[0], p[1], p[3], p[4], h_s), _central(p[2], p[3], p[5], p[6], h_s)])
-    v = v[[2, 4]]
-    replaced = np.median(np.linalg.norm(slope_m_s - v, axis=-1), axis=(0, 1)) > _INCONSISTENT_M_S
-    v = np.where(replaced[:, None], slope_m_s, v)
-    return np.asarray(np.linalg.norm(_middle_m(p[2], p[4], v[0], v[1], step_s) - p[3], axis=-1))
-
-
-def make_tracks(
-    names: Sequence[str],
-    state: StateFunction,
-    duration_s: float,
-    error_m: float = TRACK_ERROR_M,
-    counted_s: ArrayLike = ALWAYS_S,
-    longest_s: float = 3600.0,
-) -> list[Track]:
-    """Sample objects with one node step for all, chosen so that the measured error stays below error_m.
-
-    Smooth motion keeps it, for other motion see `Track.error_m`.
-
-    Raises:
-        InputError: A state is not finite, or no step keeps the error below 1 m: the motion is too rough, or the scene
-            so long that the nodes would not fit into memory.
-    """
-    shortest_s = max(SHORTEST_STEP_S, duration_s * len(names) / MOST_NODES)
-    step_s = choose_step_s(state, duration_s, error_m, counted_s, longest_s, shortest_s, names)
-    shortest_s = max(shortest_s, min(0.5 * step_s, duration_s * len(names) / MOST_ROUGH_NODES))
-    first: tuple[float, float] | None = None  # error and step of the first sampling
-    while True:
-        tracks = _sampled(names, state, duration_s, step_s, counted_s)
-        worst_m = max(track.error_m for track in tracks)
-        if worst_m <= error_m or step_s <= shortest_s:
-            break
-        order = 4.0 if first is None else math.log(first[0] / worst_m) / math.log(first[1] / step_s)
-        if order < 0.5:  # of the error in the step: shorter ones do not help
-            break
-        # The worst interval was between the trials: a perigee, or a manoeuvre, where the velocity jumps.
-        first, tracks = first or (worst_m, step_s), []  # the next ones need their memory
-        proposed_s = step_s * max(0.25, 0.95 * (error_m / worst_m) ** (1 / min(order, 4.0)))
-        step_s = _even_step_s(duration_s, max(shortest_s, proposed_s))
-    if worst_m > WORST_TRACK_ERROR_M:
-        rough = max(tracks, key=lambda track: track.error_m)
-        if SHORTEST_STEP_S < step_s <= shortest_s:
-            longer_s = _even_step_s(duration_s, 2.0 * step_s)
-            longer_m = max(track.error_m for track in _sampled(names, state, duration_s, longer_s, counted_s))
-            if longer_m > 2.0**0.5 * worst_m:
-                raise InputError(
-                    f"the scene must be short enough for its orbit nodes to fit into memory, but even {step_s:.3g} s "
-                    f"apart, as many as can be of {len(names)} bodies over {duration_s:g} s, they are "
-                    f"{rough.error_m:.3g} m off near {rough.error_at_s:.6g} s",
-                ).of(rough.name)
-        raise InputError(
-            f"the motion must be smooth, but near {rough.error_at_s:.6g} s it is {rough.error_m:.3g} m off between "
-            f"nodes {step_s:.3g} s apart",
-        ).of(rough.name)
-    return tracks
-
-
-def _sampled(
-    names: Sequence[str], state: StateFunction, duration_s: float, step_s: float, counted_s: ArrayLike
-) -> list[Track]:
-    """Tracks over a scene that the step divides evenly; outside it the motion is free."""
-    start_s, n_node = node_grid(duration_s, step_s)
-    epoch = round(-start_s / step_s)
-    return sample_tracks(names, state, start_s, step_s, n_node, counted_s, (epoch, n_node - 2))

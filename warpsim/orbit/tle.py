@@ -60,6 +60,8 @@ _LOW_KM = 6400.0
 step from its perigee a satellite is 4.4 km higher at most, as nothing is accelerated by more than 9.8 m/s2 there."""
 _PERIGEE_S = 1e-3
 """How well the time of a perigee is known: 5e-6 m in height."""
+_MANY_TIMES = 1000
+_ROTATION_STEP_S = 8.0  # between such rotations it is linear to 1e-15
 _PAIRS_PER_CHUNK = 500_000  # (time, satellite) pairs of SGP4 held at once: some 30 MB
 
 
@@ -206,10 +208,14 @@ class TleSatellites(_FromElementSets):
         ]
         if len(gone) == len(self.satellites):
             raise self._of_source(InputError(f"{gone[0].reason} (as all others)").of(gone[0].name))
+        return self.some([number for number, one in enumerate(self.satellites) if one.name not in lost]), gone
+
+    def some(self, numbers: Iterable[int]) -> TleSatellites:
+        """Return the constellation of some of the satellites, by their numbers."""
         rest = dataclasses.replace(self)
         rest.__dict__["_catalog"] = self._catalog
-        rest.__dict__["satellites"] = tuple(one for one in self.satellites if one.name not in lost)
-        return rest, gone
+        rest.__dict__["satellites"] = tuple(self.satellites[number] for number in numbers)
+        return rest
 
 
 @config_model
@@ -284,7 +290,7 @@ def _sgp4_states(satellites: Sequence[Satellite], epoch: Epoch, time_s: ArrayLik
     rows = max(1, _PAIRS_PER_CHUNK // len(sets))
     for start in range(0, len(times), rows):
         block = slice(start, start + rows)
-        turn = np.swapaxes(frame_to_gcrs("TEME", epoch, times[block]), 1, 2)
+        turn = np.swapaxes(_teme_to_gcrs(epoch, times[block]), 1, 2)
         for value_s in np.unique(offset_s):
             members = np.flatnonzero(offset_s == value_s)
             some = [(satellites[i].name, sets[i]) for i in members.tolist()]
@@ -292,6 +298,18 @@ def _sgp4_states(satellites: Sequence[Satellite], epoch: Epoch, time_s: ArrayLik
             position[block, members] = 1e3 * (r @ turn)
             velocity[block, members] = 1e3 * (v @ turn)
     return position, velocity
+
+
+def _teme_to_gcrs(epoch: Epoch, time_s: F64) -> F64:
+    """Rotations, (n_time, 3, 3); many times close together get them from some, as nutation takes days."""
+    first_s, last_s = float(time_s.min()), float(time_s.max())
+    n_node = 2 + int((last_s - first_s) / _ROTATION_STEP_S)
+    if len(time_s) < max(_MANY_TIMES, 4 * n_node):
+        return frame_to_gcrs("TEME", epoch, time_s)
+    rotation = frame_to_gcrs("TEME", epoch, np.linspace(first_s, last_s, n_node))
+    at = (time_s - first_s) * ((n_node - 1) / (last_s - first_s))
+    node = np.minimum(at.astype(np.int64), n_node - 2)
+    return np.asarray(rotation[node] + (at - node)[:, None, None] * (rotation[node + 1] - rotation[node]))
 
 
 def _record_of(satellite: Satellite, epoch: Epoch) -> tuple[int | None, str]:

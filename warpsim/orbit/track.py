@@ -1,4 +1,4 @@
-"""Tracks (states at uniform nodes, by `orbit/sampling.py`), and polynomials through tabulated states.
+"""Tracks (states at uniform nodes, by `sampling.py`), and polynomials through tabulated states.
 
 Tracks have cubic Hermite interpolation between nodes. Tables have Lagrange's and Hermite's in sliding windows: one of k
 nodes lies around the interval that holds the time, as evenly as the table's ends allow, so that the motion passes
@@ -74,6 +74,20 @@ class Track:
         """Time of the last node [s since the scene's epoch]."""
         return self.start_s + (self.n_node - 1) * self.step_s
 
+    @property
+    def node_s(self) -> F64:
+        """Times of the nodes [s since the scene's epoch], shape (n_node,)."""
+        return np.asarray(self.start_s + self.step_s * np.arange(self.n_node))
+
+    def at_nodes_of(self, other: Track) -> tuple[F64, F64]:
+        """Return position [m] and velocity [m/s] at the nodes of another track, each (n_node, 3).
+
+        Where that begins before this one, or ends after it, they are those of this one's ends.
+        """
+        if (self.start_s, self.step_s, self.n_node) == (other.start_s, other.step_s, other.n_node):
+            return self.position_m, self.velocity_m_s
+        return self.state(np.clip(other.node_s, self.start_s, self.end_s))
+
     def state(self, time_s: ArrayLike) -> tuple[F64, F64]:
         """Return position [m] and velocity [m/s], each of the shape of time_s plus (3,).
 
@@ -109,33 +123,51 @@ class Track:
 
 
 class TrackStack:
-    """Several tracks of one node grid, evaluated side by side."""
+    """Several tracks in arrays of all their nodes, one track after the other, evaluated side by side."""
 
     def __init__(self, tracks: Sequence[Track]) -> None:
-        """Stack copies of the nodes; InputError if the tracks do not share their times."""
-        grids = {(track.start_s, track.step_s, track.n_node) for track in tracks}
-        if len(grids) != 1:
-            raise InputError("must share one node grid", "tracks", len(grids))
-        self._first = tracks[0]
-        self._position_m = np.stack([track.position_m for track in tracks])
-        self._velocity_m_s = np.stack([track.velocity_m_s for track in tracks])
+        """Stack copies of the nodes."""
+        self._tracks = tracks
+        self.n_node = np.array([track.n_node for track in tracks], dtype=np.int64)
+        """Nodes of each track, (n_track,)."""
+        self.first = np.cumsum(self.n_node) - self.n_node
+        """Index of each track's first node, (n_track,)."""
+        self.start_s = np.array([track.start_s for track in tracks], dtype=np.float64)
+        self.step_s = np.array([track.step_s for track in tracks], dtype=np.float64)
+        self.node_m = np.concatenate([track.position_m for track in tracks])
+        """Node positions [m], shape (n, 3)."""
+        self.node_m_s = np.concatenate([track.velocity_m_s for track in tracks])
+        """Node velocities [m/s], shape (n, 3)."""
+        self._span_s = float(self.start_s.max()), min(track.end_s for track in tracks)
 
     def position_m(self, track: NDArray[np.int64], time_s: F64) -> F64:
         """Return the positions of pairs of track and time, both (n,): those of Track.position_at_m [m], (n, 3)."""
+        if not self._all_hold(time_s):
+            for number in np.unique(track).tolist():
+                self._tracks[number]._locate(time_s[track == number])
         return self._between_m(track, time_s)
 
     def positions_m(self, time_s: F64) -> F64:
         """Return the positions of all tracks at times (n,) [m], (n_track, n, 3)."""
-        return self._between_m(slice(None), time_s)
+        if not self._all_hold(time_s):
+            for one in self._tracks:
+                one._locate(time_s)
+        return self._between_m(np.arange(len(self._tracks))[:, None], time_s)
 
-    def _between_m(self, track: NDArray[np.int64] | slice, time_s: F64) -> F64:
-        interval, s = self._first._locate(time_s)
-        p0, p1 = self._position_m[track, interval], self._position_m[track, interval + 1]
-        m0, m1 = self._velocity_m_s[track, interval], self._velocity_m_s[track, interval + 1]
-        m0, m1 = m0 * self._first.step_s, m1 * self._first.step_s
+    def _all_hold(self, time_s: F64) -> bool:
+        """Whether the times lie within all tracks."""
+        return bool(((time_s >= self._span_s[0]) & (time_s <= self._span_s[1])).all())
+
+    def _between_m(self, track: NDArray[np.int64], time_s: F64) -> F64:
+        step_s = self.step_s[track]
+        phase = (time_s - self.start_s[track]) / step_s
+        interval = np.clip(np.floor(phase).astype(np.int64), 0, self.n_node[track] - 2)
+        s, node = (phase - interval)[..., None], self.first[track] + interval
+        p0, p1 = self.node_m[node], self.node_m[node + 1]
+        m0, m1 = self.node_m_s[node] * step_s[..., None], self.node_m_s[node + 1] * step_s[..., None]
         rise = p1 - p0  # as in Track.state
         c2, c3 = 3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise
-        return np.asarray(p0 + s[:, None] * (m0 + s[:, None] * (c2 + s[:, None] * c3)))
+        return np.asarray(p0 + s * (m0 + s * (c2 + s * c3)))
 
 
 def window_size(method: Method, degree: int, n_node: int) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from warpsim.instant import instant_after
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
-from warpsim.orbit.sampling import TRACK_ERROR_M
+from warpsim.orbit.node_steps import TRACK_ERROR_M
 from warpsim.output.check_attitudes import target_attitude_lines
 from warpsim.output.check_sensor import sensor_lines
 from warpsim.output.check_views import count_replaced, replaced_text
@@ -172,7 +172,7 @@ def _short(value: float) -> str:
 def _orbit_lines(scenario: Scenario) -> list[str]:
     """Errors of tracks, and notes of paths and shapes."""
     scene, tracks = scenario.scene, scenario.tracks
-    lines = [f"  orbits     nodes every {tracks.step_s:g} s, interpolation error {tracks.error_m * 1e3:.2g} mm"]
+    lines = [f"  orbits     nodes every {tracks.steps} s, interpolation error {tracks.error_m * 1e3:.2g} mm"]
     for propagator in (scene.constellation, *(group.path for group in scene.groups)):
         notes = getattr(propagator, "notes", None)
         lines += [f"  note       {note}" for note in (notes(scenario.epoch, scene.duration_s) if notes else [])]

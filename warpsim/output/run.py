@@ -308,7 +308,11 @@ class Run:
             "provenance": provenance(plan.scenario.scene),
             "bands": plan.bands,
             "responses": {name: response_facts(plan.scenario.bands[name]) for name in plan.bands},
-            "orbit_interpolation": {"node_step_s": tracks.step_s, "measured_error_m": tracks.error_m},
+            "orbit_interpolation": {
+                "node_step_s": tracks.step_s,
+                "longest_node_step_s": tracks.longest_step_s,
+                "measured_error_m": tracks.error_m,
+            },
             "left_out": left_out_rows(plan.scenario),
             "sensors": {kind: _sensor_facts(plan, self.renderer, one) for kind, one in plan.instruments.items()},
             **plan.identity,

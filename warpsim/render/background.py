@@ -190,7 +190,7 @@ def _sun_struct(tracks: Tracks, duration_s: float, device: wp.Device) -> Any:
         return np.asarray(position_m / np.linalg.norm(position_m, axis=-1, keepdims=True))
 
     sun: Any = SunPath()
-    sun.start_s, sun.step_s = tracks.start_s, tracks.step_s
+    sun.start_s, sun.step_s = tracks.sun.start_s, tracks.sun.step_s
     sun.direction = wp.array(towards(tracks.sun.position_m), dtype=wp.vec3d, device=device)
     strength = (ASTRONOMICAL_UNIT_M / np.linalg.norm(tracks.sun.position_m, axis=1)) ** 2
     sun.strength = wp.array(strength.astype(np.float32), dtype=wp.float32, device=device)
@@ -246,8 +246,7 @@ def stray_pieces(stray: StrayLightModel) -> tuple[npt.NDArray[np.float64], npt.N
 def _stray_struct(stray: StrayLightModel, scenario: Scenario, bands: list[Band], device: wp.Device) -> Any:
     tracks, lighting = scenario.tracks, scenario.scene.lighting
     angle_rad, log_ratio = stray_pieces(stray)
-    time_s = tracks.start_s + tracks.step_s * np.arange(tracks.n_node)
-    moon_m = moon_position_m(scenario.epoch, time_s)
+    moon_m = moon_position_m(scenario.epoch, tracks.sun.node_s)
     sun_w_cm2 = np.array([lighting.sun_w_m2_in(band) * _W_CM2_PER_W_M2 for band in bands])
     sun_au = float(np.linalg.norm(tracks.sun.position_m - moon_m, axis=1).mean()) / ASTRONOMICAL_UNIT_M
     phase_rad = np.linspace(0.0, math.pi, _N_PHASE)

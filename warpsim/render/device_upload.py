@@ -14,15 +14,17 @@ from warpsim_kernels.apparent import Presence
 from warpsim_kernels.apparent import Tracks as TracksStruct
 from warpsim_kernels.camera import Camera as CameraStruct
 from warpsim_kernels.camera import Distortion as LensStruct
-from warpsim_kernels.motion import NodeGrid
+from warpsim_kernels.motion import BodyNodes, NodeGrid, Nodes
 from warpsim_kernels.records import Sources, View
 
+from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.launches import to_numpy
 from warpsim.legendre import series_at
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import PsfGaussian
 from warpsim.optics.psf_bank import PsfBank, stamp_rule
 from warpsim.optics.tables import TableAccuracy, cheapest_layout
+from warpsim.orbit.track import TrackStack
 from warpsim.render.background import make_background
 from warpsim.render.batch import new_inputs
 from warpsim.render.buffers import new_exposure
@@ -111,12 +113,17 @@ def with_pointing(scene: DeviceScene, instrument: Instrument) -> DeviceScene:
 def tracks_struct(tracks: Tracks, satellites: Sequence[int], device: wp.Device) -> Any:
     """Return tracks as the kernels' struct: a row for each sensor, then one for each target."""
     bodies = [*(tracks.satellites[index] for index in satellites), *tracks.targets]
+    stack, sun = TrackStack(bodies), tracks.sun
     grid: Any = NodeGrid()
-    grid.start_s, grid.step_s, grid.n_node = tracks.start_s, tracks.step_s, tracks.n_node
-
-    def upload(values: Any) -> wp.array:
-        return wp.array(values, dtype=wp.vec3d, device=device)
-
+    grid.start_s, grid.step_s, grid.n_node = sun.start_s, sun.step_s, sun.n_node
+    rows = np.zeros(len(bodies), dtype=BodyNodes.numpy_dtype())
+    rows["grid"]["start_s"], rows["grid"]["step_s"], rows["grid"]["n_node"] = stack.start_s, stack.step_s, stack.n_node
+    rows["first"], rows["steps_per_m"] = stack.first, 1.0 / (SPEED_OF_LIGHT_M_S * stack.step_s)
+    nodes: Any = Nodes()
+    nodes.bodies = wp.array(rows, dtype=BodyNodes, device=device)
+    # On a CPU the arrays are those of the stack, which nobody else has.
+    nodes.position_m = wp.array(stack.node_m, dtype=wp.vec3d, device=device, copy=False)
+    nodes.velocity_m_s = wp.array(stack.node_m_s, dtype=wp.vec3d, device=device, copy=False)
     n_sensor = len(satellites)
     release_s = np.concatenate([np.full(n_sensor, -np.inf), tracks.release_s])
     exists_s = np.concatenate([np.full((n_sensor, 2), [-np.inf, np.inf]), tracks.exists_s])
@@ -126,10 +133,8 @@ def tracks_struct(tracks: Tracks, satellites: Sequence[int], device: wp.Device) 
     presence.carrier = wp.array(carrier, dtype=wp.int32, device=device)
     presence.exists_s = wp.array(np.clip(exists_s, -_ENDLESS_S, _ENDLESS_S), dtype=wp.vec2d, device=device)
     struct: Any = TracksStruct()
-    struct.position_m = upload(np.stack([track.position_m for track in bodies]))
-    struct.velocity_m_s = upload(np.stack([track.velocity_m_s for track in bodies]))
-    struct.earth_velocity_m_s = upload(tracks.earth_velocity_m_s)
-    struct.presence, struct.grid, struct.first_target = presence, grid, n_sensor
+    struct.earth_velocity_m_s = wp.array(tracks.earth_velocity_m_s, dtype=wp.vec3d, device=device)
+    struct.nodes, struct.presence, struct.grid, struct.first_target = nodes, presence, grid, n_sensor
     return struct
 
 

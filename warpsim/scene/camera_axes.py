@@ -164,21 +164,22 @@ def apparent_mean(tracks: Tracks, targets: Sequence[int], at: SatelliteState) ->
 
 def _check_light_time(tracks: Tracks, target: int, emitted_s: F64, time_s: F64) -> None:
     """Check that light left a target when its track had begun."""
-    early = emitted_s < tracks.start_s
-    if early.any() and not (time_s < tracks.start_s).any():
+    start_s = max(tracks.targets[body].start_s for body in (target, int(tracks.carrier[target])))
+    early = emitted_s < start_s
+    if early.any() and not (time_s < start_s).any():
         worst = int(np.argmax(time_s - emitted_s))
         late_s = float(time_s[worst] - emitted_s[worst])
         rule = (
             f"is too far: its light takes {late_s:.3g} s ({late_s * SPEED_OF_LIGHT_M_S / 1e3:,.0f} km) to the camera "
-            f"at {time_s[worst]:g} s, and its track begins at {tracks.start_s:g} s"
+            f"at {time_s[worst]:g} s, and its track begins at {start_s:g} s"
         )
         raise InputError(rule).of(tracks.targets[target].name)
 
 
 def _earth_velocity(tracks: Tracks, times: F64) -> F64:
     """Barycentric velocity of the Earth, linear between nodes as in the kernels, shape (n, 3)."""
-    phase = (times - tracks.start_s) / tracks.step_s
-    node = np.clip(np.floor(phase).astype(np.int64), 0, tracks.n_node - 2)
+    phase = (times - tracks.sun.start_s) / tracks.sun.step_s
+    node = np.clip(np.floor(phase).astype(np.int64), 0, tracks.sun.n_node - 2)
     before, after = tracks.earth_velocity_m_s[node], tracks.earth_velocity_m_s[node + 1]
     return np.asarray(before + (after - before) * (phase - node)[:, None])
 

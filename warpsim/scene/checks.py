@@ -43,7 +43,7 @@ from warpsim.target.patches import patch_areas
 from warpsim.target.surface import Graybody
 
 LONGEST_TRACKS_S = 2e8
-"""Longest scene times number of bodies: 1.4 GB of orbit nodes at most, 4 to 8 GB while they are made."""
+"""Longest scene times number of bodies: 1 GB of orbit nodes at most, and below 2 GB while they are made."""
 
 LONGEST_SCENE_S = 31 * 86_400.0
 """Longest scene: free flight is integrated step by step, some ten seconds of work for a month."""

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M
 from warpsim.orbit.eclipse import sunlit_depth
+from warpsim.orbit.track import Track
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
 from warpsim.scene.environment import Lighting
@@ -77,16 +78,21 @@ def _nearest_m(tracks: Tracks, targets: Sequence[SceneTarget], satellites: Seque
     nearest = np.inf
     for _, members in itertools.groupby(range(len(targets)), key=lambda target: int(tracks.carrier[target])):
         rows = [tracks.targets[target] for target in members]
-        position, velocity = rows[0].position_m, rows[0].velocity_m_s
         # The distance changes between nodes by half a step's motion at most, accelerations included by the factor.
-        apart_m = max(float(np.linalg.norm(row.position_m - position, axis=1).max()) for row in rows)
+        apart_m = max(float(np.linalg.norm(_apart(row, rows[0])[0], axis=1).max()) for row in rows)
         for satellite in satellites:
             sensor = tracks.satellites[satellite]
-            distance_m = np.linalg.norm(sensor.position_m - position, axis=1)
-            speed_m_s = np.linalg.norm(sensor.velocity_m_s - velocity, axis=1)
-            margin_m = 0.5 * tracks.step_s * 1.1 * speed_m_s
+            distance_m, speed_m_s = (np.linalg.norm(vector, axis=1) for vector in _apart(sensor, rows[0]))
+            margin_m = 0.5 * min(sensor.step_s, rows[0].step_s) * 1.1 * speed_m_s
             nearest = min(nearest, float((distance_m - margin_m).min()) - apart_m)
     return max(nearest * (1.0 - _LIGHT_TIME), 0.0)
+
+
+def _apart(one: Track, other: Track) -> tuple[F64, F64]:
+    """Position [m] and velocity [m/s] of a body from another, at the nodes of the shorter step, each (n, 3)."""
+    finest = min(one, other, key=lambda track: track.step_s)
+    (own_m, own_m_s), (other_m, other_m_s) = one.at_nodes_of(finest), other.at_nodes_of(finest)
+    return own_m - other_m, own_m_s - other_m_s
 
 
 def _bounds_nei(
@@ -121,11 +127,12 @@ def _why_dark(tracks: Tracks, name: str) -> str:
     if name == "earth":
         return ""
     for track in tracks.targets:
+        sun_m = tracks.sun.at_nodes_of(track)[0]
         if name == "sun":
-            depth = sunlit_depth(track.position_m, tracks.sun.position_m, tracks.pole_icrs)
+            depth = sunlit_depth(track.position_m, sun_m, tracks.pole_icrs)
             illuminated = (depth > _SURELY_DARK_SUNS).any()
         else:
-            margin_rad = _terminator_margin_rad(track.position_m, tracks.sun.position_m)
+            margin_rad = _terminator_margin_rad(track.position_m, sun_m)
             illuminated = (margin_rad > -_NEAR_TERMINATOR_RAD).any()
         if illuminated:
             return ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,7 @@ from warpsim.scene.short_form import item_path
 from warpsim.streams import uniforms
 
 F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
 
 MARGIN_S = 120.0
 """Longest node step where targets begin to move, or end, within a scene; motion goes on for so long beyond."""
@@ -45,8 +47,15 @@ class Motion:
     duration_s: float
     seed: int
 
-    def states(self, time_s: F64) -> tuple[F64, F64]:
+    @cached_property
+    def _ends(self) -> I64:
+        """Numbers of the bodies behind the satellites, and behind each group."""
+        return np.cumsum([len(self.constellation.names), *(len(group.releases) for group in self.groups)])
+
+    def states(self, time_s: F64, bodies: I64 | None = None) -> tuple[F64, F64]:
         """Return positions [m] and velocities [m/s] at times (n_time,), GCRS axes, each (n_time, n_body, 3).
+
+        `bodies` are the numbers, ascending, of those that are asked for, all if left out: others are not propagated.
 
         A released target's path is its free flight; farther than MARGIN_S before the release, where nobody asks, it is
         the main target's. A target that is not there stays where it was MARGIN_S before it came, or after it went.
@@ -55,36 +64,54 @@ class Motion:
         Raises:
             InputError: A path cannot be propagated.
         """
-        parts = [_states_of(self.constellation, self.epoch, time_s, (0.0, self.duration_s), "constellation")]
-        for number, group in enumerate(self.groups):
+        own, *members = self._by_part(bodies)
+        span_s = 0.0, self.duration_s
+        parts = []
+        if own is None or len(own):
+            parts.append(_states_of(self.constellation, self.epoch, time_s, span_s, "constellation", own))
+        for number, (group, some) in enumerate(zip(self.groups, members, strict=True)):
             try:
-                parts.append(self._group_states(group, number, time_s))
+                if some is None or len(some):
+                    parts.append(self._group_states(group, number, time_s, some))
             except InputError as error:
                 raise error.within(item_path("groups", number, len(self.groups))) from None
         position, velocity = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
         return position, velocity
 
-    def _group_states(self, group: GroupMotion, number: int, scene_s: F64) -> tuple[F64, F64]:
-        """States of a group's targets; those released at one time are propagated together."""
+    def _by_part(self, bodies: I64 | None) -> list[I64 | None]:
+        """Numbers within the constellation, and within each group; None if all are meant."""
+        if bodies is None:
+            return [None] * (1 + len(self.groups))
+        firsts = np.concatenate([[0], self._ends[:-1]])
+        parts = np.split(bodies, np.searchsorted(bodies, self._ends[:-1]))
+        return [part - first for part, first in zip(parts, firsts, strict=True)]
+
+    def _group_states(self, group: GroupMotion, number: int, scene_s: F64, some: I64 | None) -> tuple[F64, F64]:
+        """States of a group's targets, or some of them; those released at one time are propagated together."""
         epoch = instant_after(self.epoch, group.start_s)
         first_s, last_s = (bound_s - group.start_s for bound_s in group.exists_s)
         within_s = max(first_s, -group.start_s), min(last_s, self.duration_s - group.start_s)
         time_s = np.clip(scene_s - group.start_s, first_s - MARGIN_S, last_s + MARGIN_S)
-        position, velocity = _states_of(group.path, epoch, time_s, within_s, group.path_field)
+        is_single = any(release is not None for release in group.releases)
+        position, velocity = _states_of(
+            group.path, epoch, time_s, within_s, group.path_field, None if is_single else some
+        )
         stays = (scene_s < group.exists_s[0] - MARGIN_S) | (scene_s > group.exists_s[1] + MARGIN_S)
-        releases = list(dict.fromkeys(release for release in group.releases if release is not None))
-        if releases:
-            position, velocity = (np.repeat(state, len(group.releases), axis=1) for state in (position, velocity))
+        members = np.arange(len(group.releases)) if some is None else some
+        chosen = [group.releases[member] for member in members.tolist()]
+        releases = list(dict.fromkeys(release for release in chosen if release is not None))
+        if is_single:
+            position, velocity = (np.repeat(state, len(members), axis=1) for state in (position, velocity))
         gravity: Gravity = getattr(group.path, "gravity", "j2")
         pole = pole_of_date(epoch)
         for release in releases:
-            rows = np.array([row for row, other in enumerate(group.releases) if other == release])
+            rows = np.array([row for row, other in enumerate(chosen) if other == release])
             carrier = _states_of(group.path, epoch, np.array([release.time_s]), None, group.path_field)
             carrier_m, carrier_m_s = carrier[0][0], carrier[1][0, 0]
             # Each target takes the random numbers of its position in the group, whatever its neighbours are.
             speeds = release.speed_m_s
             velocities = release_velocities(carrier_m_s, len(group.releases) - 1, speeds, self.seed, number)
-            start = np.repeat(carrier_m, len(rows), axis=0), velocities[rows - 1]
+            start = np.repeat(carrier_m, len(rows), axis=0), velocities[members[rows] - 1]
             free = time_s >= release.time_s - MARGIN_S
             try:
                 flown = propagate(*start, time_s[free] - release.time_s, gravity, pole, release.time_s)
@@ -109,11 +136,16 @@ def motion_of(
 
 
 def _states_of(
-    path: Propagator, epoch: Instant, time_s: F64, within_s: tuple[float, float] | None, field: str
+    path: Propagator,
+    epoch: Instant,
+    time_s: F64,
+    within_s: tuple[float, float] | None,
+    field: str,
+    bodies: I64 | None = None,
 ) -> tuple[F64, F64]:
     """States of a constellation or trajectory; its errors begin with the field that describes it."""
     try:
-        return states_of(path, epoch, time_s, within_s)
+        return states_of(path, epoch, time_s, within_s, bodies)
     except InputError as error:
         raise error.within(field) from None
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from warpsim.errors import InputError
 from warpsim.instant import Instant
 from warpsim.orbit.earth import pole_of_date
-from warpsim.orbit.sampling import make_tracks
+from warpsim.orbit.node_steps import make_tracks
 from warpsim.orbit.sun import earth_states
 from warpsim.orbit.track import PositionFunction, Track
 from warpsim.scene.groups import AnyConstellation, TargetGroup
@@ -28,17 +28,18 @@ LONGEST_STEP_S = 3600.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tracks:
-    """Tracks of all bodies of a scene on one time grid; GCRS axes, geocentric."""
+    """Tracks of all bodies of a scene, each with its own nodes; GCRS axes, geocentric."""
 
     satellites: list[Track]
     targets: list[Track]
     sun: Track
+    """Its nodes are those of the satellites and targets with the longest step."""
     earth_velocity_m_s: F64
-    """Barycentric velocity of the Earth at the nodes [m/s], shape (n_node, 3)."""
+    """Barycentric velocity of the Earth at the Sun's nodes [m/s], shape (n_node, 3)."""
     earth_barycentric_m: F64
-    """Barycentric position of the Earth at the nodes [m], shape (n_node, 3)."""
+    """Barycentric position of the Earth at the Sun's nodes [m], shape (n_node, 3)."""
     earth_heliocentric_m: F64
-    """Heliocentric position of the Earth at the nodes [m], shape (n_node, 3)."""
+    """Heliocentric position of the Earth at the Sun's nodes [m], shape (n_node, 3)."""
     pole_icrs: F64
     """The pole of date at the epoch: axis of J2 and of the ellipsoid, shape (3,)."""
     carrier: npt.NDArray[np.int64]
@@ -50,22 +51,28 @@ class Tracks:
 
     def __repr__(self) -> str:
         sizes = f"{len(self.satellites)} satellites, {len(self.targets)} targets"
-        return f"Tracks({sizes}, {self.n_node} nodes every {self.step_s:g} s)"
+        return f"Tracks({sizes}, nodes every {self.steps} s)"
 
     @property
     def start_s(self) -> float:
-        """Time of the first node [s]."""
-        return self.satellites[0].start_s
+        """Time from which on there are states of all bodies [s]."""
+        return max(track.start_s for track in (*self.satellites, *self.targets))
 
     @property
     def step_s(self) -> float:
-        """Time between nodes [s]."""
-        return self.satellites[0].step_s
+        """Shortest time between nodes [s]."""
+        return min(track.step_s for track in (*self.satellites, *self.targets))
 
     @property
-    def n_node(self) -> int:
-        """Number of nodes."""
-        return self.satellites[0].n_node
+    def longest_step_s(self) -> float:
+        """Longest time between nodes [s], that of the Sun's."""
+        return self.sun.step_s
+
+    @property
+    def steps(self) -> str:
+        """Times between nodes [s], for people: "12", or "1.5 to 12"."""
+        shortest_s, longest_s = self.step_s, self.longest_step_s
+        return f"{longest_s:g}" if shortest_s == longest_s else f"{shortest_s:g} to {longest_s:g}"
 
     @property
     def error_m(self) -> float:
@@ -136,7 +143,7 @@ def build_tracks(
     duration_s: float,
     seed: int,
 ) -> Tracks:
-    """Sample all bodies of a scene on one node grid, with the Sun and the Earth's own motion.
+    """Sample all bodies of a scene, with the Sun and the Earth's own motion.
 
     Live tracks are returned again where all their inputs are the same. The seed is that of the releases.
 
@@ -158,13 +165,14 @@ def build_tracks(
         duration_s,
         counted_s=np.concatenate([np.full((n_satellite, 2), [-math.inf, math.inf]), presence.counted_s]),
         longest_s=MARGIN_S if presence.changes else LONGEST_STEP_S,
+        some_states=motion.states,
     )
-    start_s, step_s, n_node = tracks[0].start_s, tracks[0].step_s, tracks[0].n_node
-    earth = earth_states(epoch, start_s + step_s * np.arange(n_node))
+    longest = max(tracks, key=lambda track: track.step_s)
+    earth = earth_states(epoch, longest.node_s)
     found = Tracks(
         tracks[:n_satellite],
         tracks[n_satellite:],
-        Track("sun", start_s, step_s, earth.sun_m, np.gradient(earth.sun_m, step_s, axis=0)),
+        Track("sun", longest.start_s, longest.step_s, earth.sun_m, np.gradient(earth.sun_m, longest.step_s, axis=0)),
         earth.velocity_m_s,
         earth.barycentric_m,
         earth.heliocentric_m,
