@@ -24,6 +24,9 @@ Mask = npt.NDArray[np.bool_]
 MOST_VIEWS_LOOKED_AT = 2000
 """Views in which bodies are looked for."""
 
+MOST_VIEWS_COUNTED = 1_000_000
+"""Views in which fallback axes are counted."""
+
 MOST_VIEWS_OF_STREAKS = 200
 """Views in which streaks are measured."""
 
@@ -67,9 +70,9 @@ def field_contents(instrument: Instrument, tracks: Tracks, frames_of: Mapping[st
 
 
 def count_replaced(instrument: Instrument, frames_of: Mapping[str, Sequence[int]]) -> tuple[int, int, int]:
-    """Return the numbers of views with fallbacks for `up` and for the boresight, and of all views."""
+    """Return the numbers of views with fallbacks for `up` and for the boresight, and of all that were looked at."""
     n_up = n_boresight = n_view = 0
-    for sensor, time_s in _spread(instrument, frames_of, None):
+    for sensor, time_s in _spread(instrument, frames_of, MOST_VIEWS_COUNTED):
         commanded = instrument.commanded_axes(sensor, time_s)
         n_up += int(commanded.up_replaced.sum())
         n_boresight += int(commanded.boresight_replaced.sum())
@@ -90,13 +93,11 @@ def replaced_text(n_up: int, n_boresight: int, n_view: int) -> str | None:
     return "; ".join(reported) or None
 
 
-def _spread(
-    instrument: Instrument, frames_of: Mapping[str, Sequence[int]], most: int | None
-) -> Iterator[tuple[int, F64]]:
+def _spread(instrument: Instrument, frames_of: Mapping[str, Sequence[int]], most: int) -> Iterator[tuple[int, F64]]:
     """Index of each sensor of a kind, and times of its frames; some views spread over all of them."""
     own = {name: frames_of[name] for name in instrument.names if frames_of.get(name)}
     n_view = sum(map(len, own.values()))
-    step = 1 if most is None else max(1, -(-n_view // most))
+    step = max(1, -(-n_view // most))
     before = 0
     for name, frames in own.items():
         chosen = frames[-before % step :: step]

@@ -20,6 +20,7 @@ from warpsim.radiometry.band import Band
 from warpsim.scene.access_report import access_report, check_rules, chosen_sensors, eclipse_table
 from warpsim.scene.attitudes import AnyAttitude, attitude_tables, target_attitudes
 from warpsim.scene.band_descriptions import find_band, needs_file
+from warpsim.scene.bounds import MOST_SLEWS
 from warpsim.scene.breakpoints import breakpoints_s
 from warpsim.scene.checks import (
     check_access_target,
@@ -94,7 +95,10 @@ class Scenario:
             check_instrument(instrument.sensor, from_files, path)
             with errors_at(path):
                 instrument.check_frames(instrument.frame_time_s([0, instrument.frames.count - 1]))
-                if instrument.slews:
+                n_step = sum(len(own.steps) for own in instrument.program.sensors if own.slew is not None)
+                if n_step > MOST_SLEWS:
+                    raise InputError(f"must have at most {MOST_SLEWS:,} steps with a slew in all", "pointing", n_step)
+                if n_step:
                     _ = [instrument.turns(index) for index in range(len(instrument.names))]
                 with errors_at("optics.psf_file"):
                     instrument.sensor.optics.file_checksums  # noqa: B018  # reads the files
@@ -233,8 +237,8 @@ class Scenario:
     def _body(self, name: str) -> str:
         """The name of a track: a sensor's is that of its satellite."""
         for instrument in self.instruments.values():
-            if name in instrument.names:
-                return instrument.satellite_names[instrument.names.index(name)]
+            if name in instrument.index_of:
+                return instrument.satellite_of(name)
         return name
 
     def _eclipsed_body(self, name: str) -> str:
@@ -369,7 +373,7 @@ class Scenario:
         times, chosen = times_s(time_s), chosen_sensors(self.roster, sensors)
         check_rules(rules, custom)
         instrument = self.instrument_of(chosen[0])
-        if any(name not in instrument.names for name in chosen):
+        if any(name not in instrument.index_of for name in chosen):
             raise InputError(f"must be of one kind ({', '.join(self.instruments)})", "sensors", chosen)
         if not self.targets:
             raise InputError("must be a target of the scene, which has none", "target", target)
