@@ -30,6 +30,9 @@ MOST_VIEWS_COUNTED = 1_000_000
 MOST_VIEWS_OF_STREAKS = 200
 """Views in which streaks are measured."""
 
+MOST_STREAKS = 10_000
+"""Sensors times targets whose streaks are measured there, half a millisecond for each."""
+
 _BORDER_STEPS = 16
 """Along each edge of the frame, to see whether the Earth is in it."""
 
@@ -159,26 +162,28 @@ def longest_streaks_px(
     """Return the longest streaks of a star and of a target during a span about frames' times [px]; 0 for none.
 
     Between the ends of the span, in straight lines, without errors of pointing. Stars are looked at in the middle,
-    on the edges and in the corners of the frame, targets where they are in the frame.
+    on the edges and in the corners of the frame, targets where they are in the frame; of very many some.
     """
     longest = np.zeros(2)
     half_s = 0.5 * span_s
-    for sensor, time_s in _spread(instrument, frames_of, MOST_VIEWS_OF_STREAKS):
+    views = list(_spread(instrument, frames_of, MOST_VIEWS_OF_STREAKS))
+    targets = range(0, len(tracks.targets), 1 + len(views) * len(tracks.targets) // MOST_STREAKS)
+    for sensor, time_s in views:
         ends = []
         for offset_s in (-half_s, half_s):
             end_s = np.clip(time_s + offset_s, 0.0, duration_s)
             at = satellite_state(tracks, instrument.satellites[sensor], end_s, end_s - time_s)
             ends.append((at, instrument.commanded_axes(sensor, end_s, end_s - time_s).axes))
-        longest = np.maximum(longest, _streaks_px(instrument.sensor.camera, tracks, ends))
+        longest = np.maximum(longest, _streaks_px(instrument.sensor.camera, tracks, targets, ends))
     return float(longest[0]), float(longest[1])
 
 
-def _streaks_px(camera: Camera, tracks: Tracks, ends: list[tuple[SatelliteState, F64]]) -> F64:
+def _streaks_px(camera: Camera, tracks: Tracks, targets: Sequence[int], ends: list[tuple[SatelliteState, F64]]) -> F64:
     """Longest streaks of a star and of a target in one sensor [px]."""
     stars = np.einsum("ci,tij->ctj", camera.sample_points, ends[0][1])
     star_px = max(_way_px(camera, [star, star], ends).max(initial=0.0) for star in stars)
     target_px = 0.0
-    for target in range(len(tracks.targets)):
+    for target in targets:
         shown = [target_in_field(camera, tracks, target, at, axes) for at, axes in ends]
         some = shown[0] | shown[1]
         if some.any():
