@@ -27,9 +27,6 @@ MOST_VIEWS = 100_000_000
 """Frames times sensors of a kind: access is asked for every one, and numbers of frames take 4 bytes each in a report,
 8 and their text in a run."""
 
-MOST_SLEWS = 10_000
-"""Steps with a slew, of all sensors of a kind: one takes some milliseconds."""
-
 MOST_BANDS = 100
 """Bands of all sensors: `warpsim check` takes 40 ms for one."""
 

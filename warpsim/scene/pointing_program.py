@@ -51,6 +51,9 @@ Rows = npt.NDArray[np.int64]
 MOST_TRACKED = 10_000
 """Targets whose mean direction a camera tracks: 0.2 ms for each at a time, in a report of a scene."""
 
+MOST_SLEWS = 10_000
+"""Steps with a slew, of all sensors of a kind: one takes some milliseconds."""
+
 
 @dataclass(frozen=True, eq=False)
 class Step:
@@ -135,6 +138,9 @@ def make_program(
         with errors_at(entry_path(number, len(pointings))):
             programs = maker.programs(pointing, [sensors[i] for i in members], number)
         made |= dict(zip(members, programs, strict=True))
+    n_step = sum(len(own.steps) for own in made.values() if own.slew is not None)
+    if n_step > MOST_SLEWS:
+        raise InputError(f"must have at most {MOST_SLEWS:,} steps with a slew in all", "pointing", n_step)
     return PointingProgram(tuple(maker.laws), tuple(made[index] for index in range(len(sensors))))
 
 

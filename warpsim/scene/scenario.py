@@ -20,7 +20,6 @@ from warpsim.radiometry.band import Band
 from warpsim.scene.access_report import access_report, check_rules, chosen_sensors, eclipse_table
 from warpsim.scene.attitudes import AnyAttitude, attitude_tables, target_attitudes
 from warpsim.scene.band_descriptions import find_band, needs_file
-from warpsim.scene.bounds import MOST_SLEWS
 from warpsim.scene.breakpoints import breakpoints_s
 from warpsim.scene.checks import (
     check_access_target,
@@ -95,10 +94,7 @@ class Scenario:
             check_instrument(instrument.sensor, from_files, path)
             with errors_at(path):
                 instrument.check_frames(instrument.frame_time_s([0, instrument.frames.count - 1]))
-                n_step = sum(len(own.steps) for own in instrument.program.sensors if own.slew is not None)
-                if n_step > MOST_SLEWS:
-                    raise InputError(f"must have at most {MOST_SLEWS:,} steps with a slew in all", "pointing", n_step)
-                if n_step:
+                if instrument.slews:
                     _ = [instrument.turns(index) for index in range(len(instrument.names))]
                 with errors_at("optics.psf_file"):
                     instrument.sensor.optics.file_checksums  # noqa: B018  # reads the files
