@@ -125,7 +125,7 @@ def _verdict(code: int, printed: str, cpu_s: float, left: list[str]) -> str:
     lines = printed.splitlines()
     if code == -signal.SIGXCPU or code == -signal.SIGKILL or cpu_s > HANG_S:
         return "hang"
-    if "MemoryError" in printed or "std::bad_alloc" in printed:
+    if any(words in printed for words in ("MemoryError", "std::bad_alloc", "there is not enough memory")):
         return "memory"
     if code < 0:
         return "signal"

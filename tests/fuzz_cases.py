@@ -71,6 +71,11 @@ PARTS: dict[str, Any] = {
         {"name": "cone", "count": 5, "shape": {"kind": "cone", "radius_m": 0.25, "height_m": 1.0},
          "surface": {"reflectance": 0.3}, "temperature": {"start_k": 350.0, "end_k": 328.0},
          "attitude": {"spin_rev_s": 3.0, "precession_rev_s": 1.0, "precession_angle_deg": 3.0}}]},
+    "many": {"pointing": {"track": "group"}, "targets": [
+        SCENE["targets"][0],
+        {**SCENE["targets"][0], "name": "bit", "count": 40, "attitude": {"rolling_rev_s": 1.0, "axis": "random"},
+         "temperature": {"kind": "heat_balance", "start_k": 300.0, "mass_kg": 1.0, "heat_capacity_j_kg_k": 900.0}}],
+        "detector": {"kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 3e-15, "exposure_s": 0.1}},
     "airy": {"optics": {"aperture_m": 0.3, "obscuration": 0.2, "smear_urad": 10.0}, "bands": ["A", "own"],
              "band": {"own": {"half_power_um": [8.0, 9.0]}}, "camera": {"n_row": 32, "n_col": 48, "fov_deg": 2.0,
                                                                         "distortion": {"k1": -0.1, "p1": 0.01}}},

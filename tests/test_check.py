@@ -331,3 +331,21 @@ def test_peak_of_a_product_of_files_is_shown(tmp_path):
     single = "             its response peaks at 0.8, and is scaled to 1"
     assert _electron_lines(tmp_path, 0.8, file=files[1], per_photon=True) == [single]
     assert not _electron_lines(tmp_path, 1.0, half_power_um=[3.5, 5.0], per_photon=True)
+
+
+@pytest.mark.ci
+def test_of_very_many_views_some_are_looked_at(scene, monkeypatch):
+    """Access is counted whole; what is looked at in some views says of how many."""
+    many = scene.replace(frames={"count": 800, "interval_s": 2.0})
+    whole = scene_report(many.scenario)
+    for name, most in {
+        "check_sensor.MOST_VIEWS_OF_RULES": 500, "check_views.MOST_VIEWS_LOOKED_AT": 300, "check._MOST_SAMPLES": 10,
+    }.items():  # fmt: skip
+        monkeypatch.setattr(f"warpsim.output.{name}", most)
+    part = scene_report(many.scenario)
+    assert line(part, "access") == line(whole, "access") and "too far" in line(part, "no access")
+    n_view = [
+        int(re.search(r"in ([\d,]+) of ([\d,]+) view", line(text, "in field"))[2].replace(",", ""))
+        for text in (whole, part)
+    ]
+    assert 200 <= n_view[1] <= 300 < n_view[0]

@@ -14,6 +14,7 @@ from exchange_samples import OEM_XML
 from fuzz_cases import CHECK, PARTS, SCENE, _leaves, of_file, of_scene, whole_cases
 
 import warpsim as ws
+from warpsim.arguments import check_memory
 from warpsim.detector.pixel_maps import maps_path
 from warpsim.errors import InputError, one_line, printable_lines
 from warpsim.exchange.curve_file import read_curve
@@ -72,6 +73,59 @@ def test_work_and_numbers_beyond_all_bounds_are_errors_of_their_field(part, chan
     with pytest.raises(ws.InputError) as error:
         ws.Scene.from_dict(scene_with(part, **changes)).scenario.tracks  # noqa: B018
     assert rule in str(error.value)
+
+
+MANY = {"targets": [SCENE["targets"][0], {**SCENE["targets"][0], "name": "bit", "count": 10_000}]}
+BALL, TANK = SCENE["targets"][0], PARTS["heat"]["targets"][0]
+STEPS = [{"start_s": 0.005 * k, "ra_dec_deg": [10.0, 5.0]} for k in range(2501)]
+
+
+@pytest.mark.parametrize(
+    ("changes", "rule"),
+    [
+        ({"targets": [BALL, *({**BALL, "name": name, "count": 100_000} for name in "ab")]},
+         "targets: must be at most 200,000 single targets"),
+        ({"targets": [BALL, {**TANK, "count": 50_000}]},
+         "targets[1].count: 50,000 heat balances over 60 s are too much work: "),
+        ({"band": {f"b{k}": {"half_power_um": [5.0, 6.0]} for k in range(101)}, "bands": [f"b{k}" for k in range(101)]},
+         "bands: must be at most 100 in all sensors, got 101"),
+        ({"band": {"own": {"wavelength_um": np.linspace(5.0, 6.0, 20_001), "response": np.ones(20_001)}},
+          "bands": ["own"]}, "wavelength_um: must have at most 20,000 nodes, got 20,001"),
+        ({"constellation": {"kind": "mixed", "parts": [{**SCENE["constellation"], "n_satellite": 100_000, "prefix": p}
+                                                       for p in "ab"]}}, "parts: must hold at most 100,000 satellites"),
+        ({"pointing": {**PARTS["schedule"]["pointing"], "steps": STEPS}},
+         "pointing: must have at most 10,000 steps with a slew in all, got 10004"),
+        ({**MANY, "pointing": {"track": "group"}}, "pointing.track: must be at most 10,000 targets, got 10001"),
+        ({"targets": [{**BALL, "spread": {"shape.radius_m": {"choice": [0.5] * 1001}}}]},
+         "must be at most 1,000 values, each of which is tried"),
+    ],
+    ids=["targets", "heat", "bands", "curve", "satellites", "slews", "tracked", "choices"],
+)  # fmt: skip
+def test_work_of_many_is_refused_before_it_begins(changes, rule):
+    with pytest.raises(ws.InputError) as error:
+        ws.Scene.from_dict(scene_with("", **changes)).scenario  # noqa: B018
+    assert rule in str(error.value)
+
+
+def test_memory_that_is_not_there_is_refused_before_it_is_taken(monkeypatch):
+    check_memory(1e6, "this")
+    with pytest.raises(ws.InputError, match=r"this would take 9.3e\+08 GB of memory, and [\d.e+]+ GB are free"):
+        check_memory(1e18, "this")
+    monkeypatch.setattr("warpsim.arguments.free_bytes", lambda: 1e9)
+    with pytest.raises(ws.InputError, match="10,000,000 synthetic stars would take 1"):
+        ws.StarCatalog.synthetic(10_000_000)
+
+
+@pytest.mark.parametrize(
+    "error", [MemoryError("Unable to allocate"), RuntimeError("Failed to allocate 9 bytes on device 'cpu'")]
+)
+def test_want_of_memory_is_one_line(capsys, monkeypatch, error):
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr("warpsim.output.check.scene_report", fail)
+    code, _, err = run(capsys, "check", "stss")
+    assert (code, err) == (1, f"warpsim: there is not enough memory: {error}\n")
 
 
 def test_a_flight_of_ages_is_sampled_within_bounds():
@@ -182,7 +236,8 @@ def test_the_fuzz_sees_what_is_broken():
     assert [fuzz._verdict(*arguments) for arguments in (
         (fuzz.CRASHED, "x", 0.0, []), (-11, "", 0.0, []), (0, "", 21.0, []), (2, "warpsim: a\nb", 0.0, []),
         (2, "warpsim: \x1b", 0.0, []), (0, "MemoryError", 0.0, []), (0, "", 0.0, ["up"]), (2, "warpsim: a", 0.1, []),
-    )] == ["traceback", "signal", "hang", "lines", "unprintable", "memory", "outside", ""]  # fmt: skip
+        (1, "warpsim: there is not enough memory: x", 0.0, []),
+    )] == ["traceback", "signal", "hang", "lines", "unprintable", "memory", "outside", "", "memory"]  # fmt: skip
 
 
 def test_errors_of_one_line_stay_so():

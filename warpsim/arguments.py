@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.errors import InputError
+from warpsim.errors import NO_VALUE, InputError
 
 
 def plain_array(value: Any, unit: str, where: str) -> npt.NDArray[np.float64]:
@@ -114,3 +117,34 @@ def frame_numbers(frames: Sequence[int] | npt.NDArray[np.int64]) -> npt.NDArray[
     if isinstance(frames, range):
         return np.arange(frames.start, frames.stop, frames.step)
     return np.asarray(frames, dtype=np.int64)
+
+
+def check_memory(n_byte: float, what: str, field: str = "", value: Any = NO_VALUE) -> None:
+    """Check that this process can take so many bytes more, before work that needs them begins.
+
+    Where the system does not say how many it can, as only Linux does here, nothing is checked.
+
+    Raises:
+        InputError: It cannot.
+    """
+    free = free_bytes()
+    if n_byte > free:
+        rule = f"{what} would take {n_byte / 2**30:.2g} GB of memory, and {max(free, 0.0) / 2**30:.2g} GB are free"
+        raise InputError(rule, field, value)
+
+
+def free_bytes() -> float:
+    """Return the memory that this process may still take, by machine, control group and limits [bytes]; or infinity."""
+    rooms = [math.inf]
+    with suppress(OSError, ValueError):
+        sizes = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+        rooms.append(1024.0 * sum(float(sizes.get(name, "0").split()[0]) for name in ("MemAvailable", "SwapFree")))
+    with suppress(OSError, ValueError):  # "max" where there is no limit
+        group = Path("/sys/fs/cgroup")
+        rooms.append(float((group / "memory.max").read_text()) - float((group / "memory.current").read_text()))
+    with suppress(OSError, ValueError, ImportError):
+        import resource
+
+        limit, pages = resource.getrlimit(resource.RLIMIT_AS)[0], int(Path("/proc/self/statm").read_text().split()[0])
+        rooms.append(math.inf if limit == resource.RLIM_INFINITY else float(limit - pages * resource.getpagesize()))
+    return min(rooms)

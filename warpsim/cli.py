@@ -15,7 +15,7 @@ from warpsim.version import __version__
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; exit code 0, 1 when a file could not be written, 2 for bad input, 130 when interrupted."""
+    """Run a command; exit code 0, 1 for files not written or want of memory, 2 for bad input, 130 when interrupted."""
     # UTC has no leap seconds announced beyond the next half year; later epochs count without further ones.
     warnings.filterwarnings("ignore", message='.*"dubious year')
     parser = make_parser()
@@ -31,6 +31,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     except OSError as error:  # a full disk, say
         print(f"warpsim: {printable(str(error))}", file=sys.stderr)
+        return 1
+    except (MemoryError, RuntimeError) as error:  # Warp's own is a RuntimeError
+        if not isinstance(error, MemoryError) and "Failed to allocate" not in str(error):
+            raise
+        print(f"warpsim: there is not enough memory: {printable(str(error) or 'MemoryError')}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         more = "; the same command goes on where it stopped" if getattr(options, "resumes", False) else ""

@@ -15,6 +15,9 @@ from warpsim.config.model import choice, config_model
 from warpsim.errors import InputError
 from warpsim.files import plain_number
 
+MOST_CHOICES = 1000
+"""Values of a choice: a recipe tries the scene with each of them, 10 ms for a small one."""
+
 
 def _in_order(pair: tuple[float, float]) -> tuple[float, float]:
     if pair[0] > pair[1]:
@@ -116,6 +119,8 @@ class WholeNumbers:
 def _any_values(value: Any) -> tuple[Any, ...]:
     if not isinstance(value, list | tuple) or not value:
         raise rule_error("must be a list of one value or more")
+    if len(value) > MOST_CHOICES:
+        raise rule_error(f"must be at most {MOST_CHOICES:,} values, each of which is tried")
     try:
         return tuple(json.loads(json.dumps(value, default=plain_number)))  # a copy, of plain values
     except TypeError as error:

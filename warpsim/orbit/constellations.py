@@ -75,6 +75,10 @@ def states_of(
     return position, velocity
 
 
+MOST_SATELLITES = 100_000
+"""Satellites of a constellation, those in files aside."""
+
+
 def _states_of_some(
     propagator: Any, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None, bodies: I64
 ) -> tuple[F64, F64]:
@@ -200,8 +204,8 @@ class SeedPattern:
     @classmethod
     def _not_too_many(cls, value: int, info: ValidationInfo) -> int:
         planes = info.data.get("n_plane")
-        if planes is not None and planes * value > 100_000:
-            raise rule_error(f"must give at most 100000 satellites in {planes} planes")
+        if planes is not None and planes * value > MOST_SATELLITES:
+            raise rule_error(f"must give at most {MOST_SATELLITES} satellites in {planes} planes")
         return value
 
     @field_validator("phasing")
@@ -279,7 +283,12 @@ class MixedConstellation:
     @property
     def _stated_names(self) -> list[str]:
         """Names that are known without reading a file."""
-        return [name for part in self.parts for name in _names_without_files(part)]
+        names: list[str] = []
+        for part in self.parts:
+            names += _names_without_files(part)
+            if len(names) > MOST_SATELLITES:
+                raise InputError(f"must hold at most {MOST_SATELLITES:,} satellites", "parts")
+        return names
 
     @cached_property
     def depth(self) -> int:

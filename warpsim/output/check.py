@@ -39,6 +39,8 @@ MOST_LEFT_OUT = 20
 
 _GROUP_SAMPLES = 400
 """Times at which the altitude of a group is looked at."""
+_MOST_SAMPLES = 1_000_000
+"""Of them and of targets on orbits, together."""
 
 
 def scene_report(scenario: Scenario) -> str:
@@ -202,9 +204,11 @@ def _group_lines(group: TargetGroup, scenario: Scenario) -> list[str]:
     """A group: its size, time span and main target's altitude; a warning where that is implausible."""
     tracks, path = scenario.tracks, group.path
     first_s, last_s = within_scene(group.span_s, scenario.scene.duration_s)
-    times = np.linspace(first_s, last_s, _GROUP_SAMPLES)
-    mains = group.names if group.orbits is not None else group.names[:1]
-    states = [tracks.state(name, times) for name in mains]
+    number = scenario.scene.groups.index(group)
+    members = [index for index, target in enumerate(scenario.targets) if target.group == number]
+    mains = members if group.orbits is not None else members[:1]
+    times = np.linspace(first_s, last_s, max(2, min(_GROUP_SAMPLES, _MOST_SAMPLES // max(1, len(mains)))))
+    states = [tracks.target_state(index, times) for index in mains]
     altitude_km = np.concatenate([geodetic_altitude_m(position_m, tracks.pole_icrs) for position_m, _ in states]) / 1e3
     arc = path if isinstance(path, BallisticArc) else None
     # A flight's own start velocity: that of the track is a derivative of its interpolant.

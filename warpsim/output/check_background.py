@@ -110,7 +110,7 @@ def _sampled_views(
     own = own or dict.fromkeys(instrument.names, range(instrument.frames.count))
     each = max(1, _MOST_VIEWS // max(1, len(own)))
     return [
-        (name, instrument.frame_time_s(list(frames)[:: max(1, len(frames) // each)]))
+        (name, instrument.frame_time_s(frames[:: max(1, len(frames) // each)]))
         for name, frames in list(own.items())[:_MOST_VIEWS]
     ]
 

@@ -24,8 +24,14 @@ Mask = npt.NDArray[np.bool_]
 MOST_VIEWS_LOOKED_AT = 2000
 """Views in which bodies are looked for."""
 
+MOST_VIEWS_COUNTED = 1_000_000
+"""Views in which fallback axes are counted."""
+
 MOST_VIEWS_OF_STREAKS = 200
 """Views in which streaks are measured."""
+
+MOST_STREAKS = 10_000
+"""Sensors times targets whose streaks are measured there, half a millisecond for each."""
 
 _BORDER_STEPS = 16
 """Along each edge of the frame, to see whether the Earth is in it."""
@@ -67,9 +73,9 @@ def field_contents(instrument: Instrument, tracks: Tracks, frames_of: Mapping[st
 
 
 def count_replaced(instrument: Instrument, frames_of: Mapping[str, Sequence[int]]) -> tuple[int, int, int]:
-    """Return the numbers of views with fallbacks for `up` and for the boresight, and of all views."""
+    """Return the numbers of views with fallbacks for `up` and for the boresight, and of all that were looked at."""
     n_up = n_boresight = n_view = 0
-    for sensor, time_s in _spread(instrument, frames_of, None):
+    for sensor, time_s in _spread(instrument, frames_of, MOST_VIEWS_COUNTED):
         commanded = instrument.commanded_axes(sensor, time_s)
         n_up += int(commanded.up_replaced.sum())
         n_boresight += int(commanded.boresight_replaced.sum())
@@ -90,13 +96,11 @@ def replaced_text(n_up: int, n_boresight: int, n_view: int) -> str | None:
     return "; ".join(reported) or None
 
 
-def _spread(
-    instrument: Instrument, frames_of: Mapping[str, Sequence[int]], most: int | None
-) -> Iterator[tuple[int, F64]]:
+def _spread(instrument: Instrument, frames_of: Mapping[str, Sequence[int]], most: int) -> Iterator[tuple[int, F64]]:
     """Index of each sensor of a kind, and times of its frames; some views spread over all of them."""
     own = {name: frames_of[name] for name in instrument.names if frames_of.get(name)}
     n_view = sum(map(len, own.values()))
-    step = 1 if most is None else max(1, -(-n_view // most))
+    step = max(1, -(-n_view // most))
     before = 0
     for name, frames in own.items():
         chosen = frames[-before % step :: step]
@@ -158,26 +162,28 @@ def longest_streaks_px(
     """Return the longest streaks of a star and of a target during a span about frames' times [px]; 0 for none.
 
     Between the ends of the span, in straight lines, without errors of pointing. Stars are looked at in the middle,
-    on the edges and in the corners of the frame, targets where they are in the frame.
+    on the edges and in the corners of the frame, targets where they are in the frame; of very many some.
     """
     longest = np.zeros(2)
     half_s = 0.5 * span_s
-    for sensor, time_s in _spread(instrument, frames_of, MOST_VIEWS_OF_STREAKS):
+    views = list(_spread(instrument, frames_of, MOST_VIEWS_OF_STREAKS))
+    targets = range(0, len(tracks.targets), 1 + len(views) * len(tracks.targets) // MOST_STREAKS)
+    for sensor, time_s in views:
         ends = []
         for offset_s in (-half_s, half_s):
             end_s = np.clip(time_s + offset_s, 0.0, duration_s)
             at = satellite_state(tracks, instrument.satellites[sensor], end_s, end_s - time_s)
             ends.append((at, instrument.commanded_axes(sensor, end_s, end_s - time_s).axes))
-        longest = np.maximum(longest, _streaks_px(instrument.sensor.camera, tracks, ends))
+        longest = np.maximum(longest, _streaks_px(instrument.sensor.camera, tracks, targets, ends))
     return float(longest[0]), float(longest[1])
 
 
-def _streaks_px(camera: Camera, tracks: Tracks, ends: list[tuple[SatelliteState, F64]]) -> F64:
+def _streaks_px(camera: Camera, tracks: Tracks, targets: Sequence[int], ends: list[tuple[SatelliteState, F64]]) -> F64:
     """Longest streaks of a star and of a target in one sensor [px]."""
     stars = np.einsum("ci,tij->ctj", camera.sample_points, ends[0][1])
     star_px = max(_way_px(camera, [star, star], ends).max(initial=0.0) for star in stars)
     target_px = 0.0
-    for target in range(len(tracks.targets)):
+    for target in targets:
         shown = [target_in_field(camera, tracks, target, at, axes) for at, axes in ends]
         some = shown[0] | shown[1]
         if some.any():

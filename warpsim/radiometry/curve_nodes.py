@@ -25,6 +25,10 @@ LARGEST_SIZE = 1e60
 """Of wavelengths and values: products of some of them are numbers still."""
 
 
+MOST_NODES = 20_000
+"""Nodes of a curve over wavelength; the dust's spectra over those of a band take 0.4 GB."""
+
+
 def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[Array, Array]:
     """Return copies of two or more nodes [um] and values >= 0 of a curve over wavelength; `what` names the values."""
     wavelength_um = _nodes(wavelength, "um", "wavelength_um")
@@ -48,6 +52,8 @@ def _nodes(values: ArrayLike, unit: str, where: str) -> Array:
     vector = plain_array(values, unit, where).copy()
     if vector.ndim != 1 or vector.size < 2:
         raise InputError(f"must be a vector of at least 2 nodes, got shape {vector.shape}", where)
+    if vector.size > MOST_NODES:
+        raise InputError(f"must have at most {MOST_NODES:,} nodes, got {vector.size:,}", where)
     if not np.isfinite(vector).all():
         node = int(np.flatnonzero(~np.isfinite(vector))[0])
         raise InputError(f"must be finite, got {vector[node]} at node {node}", where)

@@ -39,7 +39,7 @@ def access_report(
     counted: set[str] = set()
     kinds: dict[str, dict[str, Any]] = {}
     for kind, instrument in roster.instruments.items():
-        own = [instrument.index(name) for name in chosen if name in instrument.names]
+        own = [instrument.index(name) for name in chosen if name in instrument.index_of]
         if own:
             found = instrument.access_intervals(own, members, rules, custom, step_s)
             kinds[kind] = enabled_constraints(rules or instrument.access_rules)

@@ -42,15 +42,6 @@ from warpsim.target.mesh import Mesh
 from warpsim.target.patches import patch_areas
 from warpsim.target.surface import Graybody
 
-LONGEST_TRACKS_S = 2e8
-"""Longest scene times number of bodies: 1 GB of orbit nodes at most, and below 2 GB while they are made."""
-
-LONGEST_SCENE_S = 31 * 86_400.0
-"""Longest scene: free flight is integrated step by step, some ten seconds of work for a month."""
-
-MOST_VIEWS = 20_000_000
-"""Frames times sensors of a kind: access is asked for every one."""
-
 
 def reads_file(part: Any) -> bool:
     """Return whether a part of a description names a file that must be read to know its names."""
@@ -73,11 +64,6 @@ def check_sensors(constellation: AnyConstellation, sensors: Sequence[Sensor], fr
     if not sensors:
         raise InputError("must hold at least one", "sensors")
     satellites = known_names(constellation)
-    for path, sensor in with_paths("sensors", sensors):
-        n_frame, n_sensor = (sensor.frames or frames).count, 1 if satellites is None else len(satellites)
-        if n_frame * n_sensor > MOST_VIEWS:
-            rule = f"must be so few that frames times satellites are at most {MOST_VIEWS:,}, got {n_frame:,} for"
-            raise InputError(f"{rule} {n_sensor:,}", "frames.count").within(path if sensor.frames else "")
     names: set[str] = set()
     for path, sensor in with_paths("sensors", sensors):
         exposure_s, own = sensor.detector.exposure_s, sensor.frames or frames
@@ -160,11 +146,9 @@ def check_instances(sensors: Sequence[Sensor], satellites: Sequence[str], names:
             taken.add(name)
 
 
-def check_times(constellation: AnyConstellation, groups: Sequence[TargetGroup], duration_s: float) -> None:
-    """Check that groups and releases are within the scene, and that the scene is not too long for its bodies."""
-    n_body = len(known_names(constellation) or [])
+def check_times(groups: Sequence[TargetGroup], duration_s: float) -> None:
+    """Check that groups and releases are within the scene."""
     for path, group in with_paths("groups", groups):
-        n_body += len(known_names(group.path) or []) if group.orbits else len(group.names)
         first_s, last_s = group.span_s
         if group.start_s >= duration_s:
             rule = f"must be below duration_s ({duration_s:g})"
@@ -176,15 +160,6 @@ def check_times(constellation: AnyConstellation, groups: Sequence[TargetGroup], 
             if release is not None and group.start_s + release.time_s > duration_s:
                 rule = f"must be within duration_s ({duration_s:g})"
                 raise InputError(rule, "release.time_s", group.start_s + release.time_s, "g").within(path)
-    if duration_s > LONGEST_SCENE_S and n_body * duration_s <= LONGEST_TRACKS_S:
-        rule = f"must be at most {LONGEST_SCENE_S:g} (31 days); longer ones are several scenes"
-        raise InputError(rule, "duration_s", duration_s, "g")
-    if n_body * duration_s > LONGEST_TRACKS_S:
-        raise InputError(
-            f"{duration_s:g} s are too long for {n_body} satellites and targets: their product must be at most "
-            f"{LONGEST_TRACKS_S:g} s",
-            "duration_s",
-        )
 
 
 def check_frames(sensors: Sequence[Sensor], frames: Frames, duration_s: float) -> None:

@@ -15,6 +15,7 @@ from warpsim.radiometry.by_band import ByBand
 from warpsim.scene import checks
 from warpsim.scene.background import Background
 from warpsim.scene.band_descriptions import BandDescriptions, with_names
+from warpsim.scene.bounds import check_bounds
 from warpsim.scene.environment import Lighting, Sky
 from warpsim.scene.groups import AnyConstellation, TargetGroup, Text
 from warpsim.scene.pointing import TRACKED
@@ -56,10 +57,11 @@ class SceneDescription:
 
     @model_validator(mode="after")
     def _consistent(self) -> SceneDescription:
+        check_bounds(self.constellation, self.sensors, self.groups, self.frames, self.duration_s)
         checks.check_sensors(self.constellation, self.sensors, self.frames)
         checks.check_zodiacal(self.sensors, self.background)
         checks.check_names(self.constellation, self.sensors, self.groups)
-        checks.check_times(self.constellation, self.groups, self.duration_s)
+        checks.check_times(self.groups, self.duration_s)
         checks.check_frames(self.sensors, self.frames, self.duration_s)
         checks.check_bands(self.band, self.sensors, self.groups, self.lighting, self.sky)
         checks.check_instruments(self.sensors, self.band)

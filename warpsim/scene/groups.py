@@ -23,6 +23,9 @@ from warpsim.target.surface import Graybody
 from warpsim.target.temperature import HeatBalance, Temperature, TemperatureTable
 from warpsim.target.torque_free import TorqueFree
 
+MOST_TARGETS = 200_000
+"""Single targets of a scene: `warpsim check` takes 0.2 ms and 4 kB for each, longer where access counts by all."""
+
 SPREAD_PARTS = ("shape", "surface", "temperature", "attitude")
 """Parts of a target whose numbers may differ from member to member."""
 
@@ -214,6 +217,8 @@ class TargetGroup:
         exactly_one(self, "trajectory", "orbits")
         if not self.targets:
             raise InputError("must hold at least the main target, which the trajectory belongs to", "targets")
+        if sum(spec.count for spec in self.targets) > MOST_TARGETS:
+            raise InputError(f"must be at most {MOST_TARGETS:,} single targets", "targets")
         main = self.targets[0]
         if main.count != 1:
             raise InputError("must be 1 for the main target", "targets[0].count", main.count)

@@ -116,9 +116,14 @@ class Instrument:
         Raises:
             InputError: There is no such sensor.
         """
-        if name not in self.names:
+        if name not in self.index_of:
             raise InputError(f"must be a sensor of the kind {self.sensor.name}", "sensor", name)
-        return self.names.index(name)
+        return self.index_of[name]
+
+    @cached_property
+    def index_of(self) -> dict[str, int]:
+        """Index of each sensor by name."""
+        return {name: index for index, name in enumerate(self.names)}
 
     def satellite_of(self, name: str) -> str:
         """Return the name of the satellite that carries a sensor; InputError if there is no such sensor."""
@@ -194,7 +199,8 @@ class Instrument:
     def commanded(self, program: PointingProgram, turns: Mapping[int, tuple[SlewTurn, ...]]) -> Instrument:
         """Return the same sensors with another pointing program, and the slews of those whose steps it has changed."""
         other = copy.copy(self)
-        other.__dict__.pop("access", None)  # it follows from the pointing
+        for name in ("access", "_access_rows"):  # they follow from the pointing
+            other.__dict__.pop(name, None)
         other.__dict__["program"] = program
         other._turns = {**self._turns, **turns}
         other.is_commanded = True
@@ -301,6 +307,14 @@ class Instrument:
         """Intervals of access of each sensor; rows are indices of sensors."""
         return self.access_intervals(range(len(self.names)))
 
+    @cached_property
+    def _access_rows(self) -> dict[int, list[int]]:
+        """Rows of `access` of each sensor that has some."""
+        rows: dict[int, list[int]] = {}
+        for row, sensor in enumerate(self.access.row.tolist()):
+            rows.setdefault(sensor, []).append(row)
+        return rows
+
     def access_intervals(
         self,
         sensors: Sequence[int],
@@ -379,7 +393,7 @@ class Instrument:
     def has_access(self, sensor: int, time_s: F64) -> Mask:
         """Return whether a sensor has access at given times, shape (n,)."""
         seen = np.zeros(time_s.shape, dtype=bool)
-        mine = self.access.row == sensor
+        mine = self._access_rows.get(sensor, [])
         for start_s, end_s in zip(self.access.start_s[mine], self.access.end_s[mine], strict=True):
             seen |= (time_s >= start_s) & (time_s <= end_s)
         return seen & self.settled(sensor, time_s)

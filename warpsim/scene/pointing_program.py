@@ -48,6 +48,12 @@ from warpsim.target.attitude_table import AttitudeRows, AttitudeTable
 F64 = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
 
+MOST_TRACKED = 10_000
+"""Targets whose mean direction a camera tracks: 0.2 ms for each at a time, in a report of a scene."""
+
+MOST_SLEWS = 10_000
+"""Steps with a slew, of all sensors of a kind: one takes some milliseconds."""
+
 
 @dataclass(frozen=True, eq=False)
 class Step:
@@ -132,6 +138,9 @@ def make_program(
         with errors_at(entry_path(number, len(pointings))):
             programs = maker.programs(pointing, [sensors[i] for i in members], number)
         made |= dict(zip(members, programs, strict=True))
+    n_step = sum(len(own.steps) for own in made.values() if own.slew is not None)
+    if n_step > MOST_SLEWS:
+        raise InputError(f"must have at most {MOST_SLEWS:,} steps with a slew in all", "pointing", n_step)
     return PointingProgram(tuple(maker.laws), tuple(made[index] for index in range(len(sensors))))
 
 
@@ -232,7 +241,10 @@ def law_of(
     track = getattr(what, "track", None)
     turn = image_turn(roll_deg, getattr(what, "offset_px", (0.0, 0.0)), camera)
     if track is not None:
-        return PointingLaw("track", up, turn, tracked_targets(track, targets, groups))
+        tracked = tracked_targets(track, targets, groups)
+        if len(tracked) > MOST_TRACKED:
+            raise InputError(f"must be at most {MOST_TRACKED:,} targets", "track", len(tracked))
+        return PointingLaw("track", up, turn, tracked)
     ra_dec_deg = getattr(what, "ra_dec_deg", None)
     direction = unit_vectors(*(ra_dec_deg or getattr(what, "azimuth_elevation_deg", None) or (0.0, 0.0)))
     return PointingLaw("fixed", up, turn, range(0), direction, ra_dec_deg is None)

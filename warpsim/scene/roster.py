@@ -35,7 +35,7 @@ class Roster:
     def instrument_of(self, sensor: str) -> Instrument:
         """Return the kind that a sensor, or a name of a kind, belongs to."""
         for name, instrument in self.instruments.items():
-            if sensor == name or sensor in instrument.names:
+            if sensor == name or sensor in instrument.index_of:
                 return instrument
         raise InputError(f"must be a sensor of the scene ({some_names(self.sensor_names)})", "sensor", sensor)
 

@@ -233,8 +233,8 @@ class Scenario:
     def _body(self, name: str) -> str:
         """The name of a track: a sensor's is that of its satellite."""
         for instrument in self.instruments.values():
-            if name in instrument.names:
-                return instrument.satellite_names[instrument.names.index(name)]
+            if name in instrument.index_of:
+                return instrument.satellite_of(name)
         return name
 
     def _eclipsed_body(self, name: str) -> str:
@@ -369,7 +369,7 @@ class Scenario:
         times, chosen = times_s(time_s), chosen_sensors(self.roster, sensors)
         check_rules(rules, custom)
         instrument = self.instrument_of(chosen[0])
-        if any(name not in instrument.names for name in chosen):
+        if any(name not in instrument.index_of for name in chosen):
             raise InputError(f"must be of one kind ({', '.join(self.instruments)})", "sensors", chosen)
         if not self.targets:
             raise InputError("must be a target of the scene, which has none", "target", target)

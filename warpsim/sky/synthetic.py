@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arguments import check_memory
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.catalog_columns import StarColumns
@@ -34,6 +35,7 @@ Array = NDArray[np.float64]
 
 LARGEST_N_STAR = 100_000_000
 """10 GB of memory, and 15 GB while it is made."""
+_STAR_BYTES = 150
 
 _SKY_DEG2 = 4.0 * math.pi * math.degrees(1.0) ** 2
 _LARGEST_SEED = 2**63 - 1
@@ -127,6 +129,7 @@ def synthetic_columns(n_star: int | None, limit_jy: float | None, sky: str, seed
     model = SYNTHETIC_SKIES[sky]
     seed = _checked_integer(seed, "seed", 0, _LARGEST_SEED)
     n = _checked_n_star(model, n_star, limit_jy)
+    check_memory(_STAR_BYTES * n, f"{n:,} synthetic stars")
 
     ra_deg, dec_deg, temperature_k, flux_jy = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     for chunk, start in enumerate(range(0, n, _CHUNK_STARS)):

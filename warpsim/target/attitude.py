@@ -104,21 +104,30 @@ def attitude_frame(attitude: Attitude, velocity_m_s: F64, seed: int, target: int
     reference = _reference(attitude, velocity_m_s, u)
     if attitude.precession_phase_rev is None:
         # Any direction well away from the reference gives a stable perpendicular; the seeded angle then turns it.
-        first = np.cross(reference, np.eye(3)[np.argmin(np.abs(reference))])
+        first = _cross(reference, _AXES[np.argmin(np.abs(reference))])
         first /= np.linalg.norm(first)
-        second = np.cross(reference, first)
+        second = _cross(reference, first)
         turn = 2 * np.pi * u[2]
         first, second = np.cos(turn) * first + np.sin(turn) * second, np.cos(turn) * second - np.sin(turn) * first
     else:
-        second = np.cross(reference, np.eye(3)[2 if np.hypot(*reference[:2]) > NEAR_POLE_RAD else 0])
+        second = _cross(reference, _AXES[2 if np.hypot(*reference[:2]) > NEAR_POLE_RAD else 0])
         second /= np.linalg.norm(second)
-        first = np.cross(second, reference)
+        first = _cross(second, reference)
     return AttitudeFrame(
         np.stack([reference, first, second]),
         _phase_rev(attitude.spin_phase_rev, u[5]),
         _phase_rev(attitude.precession_phase_rev, u[3]),
         _phase_rev(attitude.rolling_phase_rev, u[4] if attitude.rolling_rev_s != 0 else 0.0),
     )
+
+
+_AXES = np.eye(3)
+
+
+def _cross(a: F64, b: F64) -> F64:
+    """Return the bits of np.cross in a sixth of its time."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def _phase_rev(given_rev: float | None, seeded_rev: float) -> float:
