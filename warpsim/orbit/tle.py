@@ -56,7 +56,7 @@ _TT_MINUS_TAI_S = 32.184
 _LOOK_S = 60.0
 """Step at which satellites are looked at for being lost."""
 _MANY_TIMES = 1000
-_ROTATION_STEP_S = 8.0  # between such rotations it is linear to 1e-15
+_ROTATION_STEP_S = 8.0  # between such rotations it is linear to 1e-15, far below their rounding
 _PAIRS_PER_CHUNK = 500_000  # (time, satellite) pairs of SGP4 held at once: some 30 MB
 
 
