@@ -36,6 +36,15 @@ def low_orbit(number, rng):
     ]
 
 
+def uneven(number):
+    """So low and with so much drag that SGP4's motion has a kink at 12:28:38, a third of a metre in steps of 12 s."""
+    return [
+        f"SAT {number}",
+        checksummed(f"1 {number:05d}U 25001A   25079.50000000  .00000100  00000-0  24135-1 0  9994"),
+        checksummed(f"2 {number:05d}  33.1284  40.3534 0002118 356.3681 277.4808 16.25588122    14"),
+    ]
+
+
 def wrong_checksum(lines):
     return [*lines[:1], lines[1][:68] + str((int(lines[1][68]) + 1) % 10), lines[2]]
 

@@ -20,6 +20,7 @@ from element_sets import (
     not_a_number,
     one_line,
     parse_element_sets,
+    uneven,
     wrong_checksum,
 )
 from sgp4.api import Satrec
@@ -262,22 +263,27 @@ def test_manifests_of_data_sets_list_what_is_left_out(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n", [1000, 10_000])
-def test_large_catalogs_take_little_memory(tmp_path, n):
+@pytest.mark.parametrize(("n", "n_uneven"), [(1000, 0), (10_000, 0), (10_600, 26)])
+def test_large_catalogs_take_little_memory(tmp_path, n, n_uneven):
     """Tracks of an hour, in a process of its own: its peak of memory is that of the scene."""
     lines, bad = catalog(n)
+    lines += [line for number in range(20_000, 20_000 + n_uneven) for line in uneven(number)]
     (tmp_path / "large.tle").write_text("\n".join(lines))
     by_catalog(tmp_path / "large.tle").save(tmp_path / "scene.toml")
     code = (
         "import sys, warpsim as ws\n"
         "scenario = ws.Scene.load(sys.argv[1]).scenario\n"
-        "print(len(scenario.satellite_names), len(scenario.left_out), scenario.tracks.error_m)"
+        "even = scenario.tracks.satellites[: int(sys.argv[2])]\n"
+        "print(len(scenario.satellite_names), len(scenario.left_out), max(track.error_m for track in even))"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "scene.toml")], capture_output=True, text=True, check=True
+        [sys.executable, "-c", code, str(tmp_path / "scene.toml"), str(n - len(bad))],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     n_good, n_bad, error_m = done.stdout.split()[-3:]
-    assert (int(n_good), int(n_bad)) == (n - len(bad), len(bad)) and float(error_m) < 1e-3
+    assert (int(n_good), int(n_bad)) == (n + n_uneven - len(bad), len(bad)) and float(error_m) < 1e-3
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024 < MOST_MB
 
 

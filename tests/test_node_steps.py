@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from element_sets import checksummed, low_orbit
+from element_sets import low_orbit, uneven
 
 import warpsim as ws
 from warpsim.orbit import node_steps
@@ -95,14 +95,6 @@ PARTS = {
 }  # fmt: skip
 
 
-UNEVEN = [
-    "LOW 21",
-    checksummed("1 00021U 25001A   25079.50000000  .00000100  00000-0  24135-1 0  9994"),
-    checksummed("2 00021  33.1284  40.3534 0002118 356.3681 277.4808 16.25588122    14"),
-]
-"""So low and with so much drag that SGP4's motion has a kink, a quarter of a metre in steps of 12 s, at 12:28:38."""
-
-
 def scene_of(constellation, **changes):
     return ws.Scene.load("stss").replace(
         epoch_utc=EPOCH, duration_s=DURATION_S, frames={"count": 2, "interval_s": 60.0}, constellation=constellation,
@@ -133,10 +125,10 @@ def test_a_catalog_with_an_uneven_set():
     """Frames, truth and access of the even satellites are those of the catalog without the other, to the last bit."""
     rng = np.random.default_rng(3)
     even = [line for number in range(1, 9) for line in low_orbit(number, rng)]
-    plain, mixed = (scene_of({"kind": "tle", "lines": lines}) for lines in (even, [*even, *UNEVEN]))
+    plain, mixed = (scene_of({"kind": "tle", "lines": lines}) for lines in (even, [*even, *uneven(21)]))
     tracks = mixed.scenario.tracks
     steps = {track.name: track.step_s for track in tracks.satellites}
-    assert steps["LOW_21"] < SHARED_STEP_S <= steps["SAT_1"] == tracks.longest_step_s == plain.scenario.tracks.step_s
+    assert steps["SAT_21"] < SHARED_STEP_S <= steps["SAT_1"] == tracks.longest_step_s == plain.scenario.tracks.step_s
     assert tracks.step_s == min(steps.values()) and f"nodes every {tracks.step_s:g} to" in repr(tracks)
     names = plain.sensor_names
     for name in names:
@@ -149,9 +141,9 @@ def test_a_catalog_with_an_uneven_set():
     assert len(first) and all(np.array_equal(first[name], second[name]) for name in first.colnames)
     # The uneven one is seen as it moves: by the propagator, between the nodes.
     time_s = np.linspace(0.0, DURATION_S, 3001)
-    exact_m = ws.TleSatellites(lines=UNEVEN).states(mixed.scenario.epoch, time_s)[0][:, 0]
-    missed = np.linalg.norm(mixed.position_m("LOW_21", time_s) - exact_m, axis=1).max()
-    assert missed < OFF_MIDDLE * tracks.of("LOW_21").error_m + 1e-6
-    frames = ws.Renderer(mixed, "cpu").render([1], sensors=["LOW_21"])
+    exact_m = ws.TleSatellites(lines=uneven(21)).states(mixed.scenario.epoch, time_s)[0][:, 0]
+    missed = np.linalg.norm(mixed.position_m("SAT_21", time_s) - exact_m, axis=1).max()
+    assert missed < OFF_MIDDLE * tracks.of("SAT_21").error_m + 1e-6
+    frames = ws.Renderer(mixed, "cpu").render([1], sensors=["SAT_21"])
     seen_m = np.array([frames.truth[f"sensor_{axis}_m"][0] for axis in "xyz"])
-    assert np.abs(seen_m - mixed.position_m("LOW_21", np.array([60.0]))[0]).max() < 1e-6
+    assert np.abs(seen_m - mixed.position_m("SAT_21", np.array([60.0]))[0]).max() < 1e-6

@@ -401,3 +401,13 @@ def test_any_elements_in_range_give_finite_states_or_one_clear_line(
         complaint = str(error)
     assert "SGP4" in complaint and len(complaint.splitlines()) == 1
     assert np.isfinite(states[0]).all() and np.isfinite(states[1]).all()
+
+
+@pytest.mark.parametrize("span_s", [60.0, 7200.0])
+def test_many_times_close_together_are_turned_as_single_ones(span_s):
+    """Rotations between others that are computed: nutation takes days."""
+    satellites = TleSatellites(lines=ISS)
+    epoch, time_s = utc_time("2019-12-09T12:00:00"), np.linspace(0.0, span_s, 6001)
+    dense, single = satellites.states(epoch, time_s), satellites.states(epoch, time_s[7::600])
+    assert np.abs(dense[0][7::600] - single[0]).max() < 7e6 * TURN_ATOL  # measured 2e-7
+    assert np.abs(dense[1][7::600] - single[1]).max() < 8e3 * TURN_ATOL  # measured 2e-10

@@ -51,8 +51,11 @@ SHORTEST_STEP_S = 0.01
 MOST_NODES = 20_000_000
 """Nodes of all objects together: 1 GB, and below 2 GB while they are made."""
 
-MOST_ROUGH_NODES = 5_000_000
-"""Nodes of one object, and of a class of objects to which steps are shortened for motion that is not smooth."""
+MOST_NODES_OF_ONE = 5_000_000
+"""Nodes of one object, which is sampled at once."""
+
+MOST_ROUGH_NODES = 2_000_000
+"""Nodes of a class of objects to which steps are shortened for motion that is not smooth."""
 
 _N_TRIAL = 96
 _CLASS = 4.0  # ratio of the steps of a class at most
@@ -181,7 +184,7 @@ class _Sampler:
         room is how many nodes there may be.
         """
         duration_s, error_m = self._duration_s, self._error_m
-        shortest_s = max(SHORTEST_STEP_S, duration_s * len(bodies) / room, duration_s / MOST_ROUGH_NODES)
+        shortest_s = max(SHORTEST_STEP_S, duration_s * len(bodies) / room, duration_s / MOST_NODES_OF_ONE)
         if least_s <= shortest_s:
             least_s = 0.0
         step_s, chosen = self.choose(bodies, longest_s, shortest_s, least_s)

@@ -61,7 +61,7 @@ step from its perigee a satellite is 4.4 km higher at most, as nothing is accele
 _PERIGEE_S = 1e-3
 """How well the time of a perigee is known: 5e-6 m in height."""
 _MANY_TIMES = 1000
-_ROTATION_STEP_S = 8.0  # between such rotations it is linear to 1e-15
+_ROTATION_STEP_S = 8.0  # between such rotations it is linear to 1e-15, far below their rounding
 _PAIRS_PER_CHUNK = 500_000  # (time, satellite) pairs of SGP4 held at once: some 30 MB
 
 
