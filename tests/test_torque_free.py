@@ -211,8 +211,8 @@ def test_on_the_separatrix_the_body_turns_over_once():
 
 
 def test_nutation_has_the_period_of_the_elliptic_integral():
-    """A thousand motions from far to next to the separatrix; scipy's K of the complement."""
-    for w in np.logspace(-6, 0, 1000):
+    """Motions from far to near to the separatrix; scipy's K of the complement."""
+    for w in np.logspace(-4, 0, 200):
         own = free((3.0, 2.0, 1.0), (float(w), 1.0, 0.0)).nutation
         largest2 = w**2 + 2.0 * (2.0 - 1.0) / (3.0 * (3.0 - 1.0))  # of the rate about x
         speed = np.sqrt((3.0 - 2.0) * (3.0 - 1.0) / (2.0 * 1.0) * largest2) * np.radians(1.0)
@@ -341,6 +341,7 @@ def test_mean_area_over_turns_is_that_of_many_times(rates_deg_s):
         assert area_m2 == pytest.approx(shape.projected_area_along_m2(seen).mean(), rel=2e-3)
 
 
+@pytest.mark.ci
 def test_report_states_both_periods(tumbling):
     lines = [line for line in scene_report(tumbling.scenario).splitlines() if "turns freely" in line]
     own = tumbling.scenario.attitudes[0].nutation

@@ -17,7 +17,7 @@ from warpsim.arguments import chosen_names, times_s
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
 from warpsim.render.batch import Inputs, new_columns, new_inputs
-from warpsim.render.buffers import new_sources
+from warpsim.render.buffers import new_area_series, new_sources
 from warpsim.render.device import default_device, worker_count
 from warpsim.render.device_scene import DeviceBodies
 from warpsim.render.device_upload import make_device_bodies
@@ -185,7 +185,6 @@ def _observed(bodies: DeviceBodies, times: F64, rows: list[int], n_worker: int) 
         raise InputError(f"these curves would be {n_number:.2g} numbers, more than {MOST_NUMBERS:.2g}", "time_s")
     inputs = new_inputs(device, np.repeat(times, len(rows)), np.zeros(n_view), np.tile(rows, len(times)))
     no_light = wp.empty((n_view, 0, bodies.n_target), dtype=wp.float32, device=device)  # but its terms
-    no_series = wp.empty((0, 0, 0, 0), dtype=wp.float64, device=device)  # the kernel does not write it
     columns = replace(new_columns(bodies, n_view), irradiance_w_cm2=no_light)
     terms = wp.zeros((N_TERM, n_view, bodies.n_band, bodies.n_target), dtype=wp.float64, device=device)
 
@@ -194,7 +193,7 @@ def _observed(bodies: DeviceBodies, times: F64, rows: list[int], n_worker: int) 
         views, seen = Inputs(*(array[first:end] for array in vars(inputs).values())), columns.part(first, end)
         sources = new_sources(bodies, end - first, bodies.n_target)
         aim(bodies, views, seen.views).run()
-        observe_targets(bodies, views, seen, sources, no_series).run()
+        observe_targets(bodies, views, seen, sources, new_area_series(bodies, end - first)).run()
         split_light(bodies, seen.observations, terms[:, first:end]).run()
 
     # Enough pieces that the first, which is done alone, costs the threads little.

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.quaternion import conjugate, product, rotated
+from warpsim.quaternion import conjugate, rotated
 from warpsim.target.attitude import BodyMotion, turns
 from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.temperature import interpolated
@@ -129,25 +129,25 @@ class RotatingArea:
                 return np.asarray(turned + self._phases[self._fast.index(name)])
             return np.asarray(turned + turns(self._rates[name], time_s)[:, None] if name in self._rates else turned)
 
-        free = [motion for motion in self.attitudes if isinstance(motion, TorqueFreeMotion)]
-        if free:
-            precession, nutation = (turned_rev(name, [0.0] * len(free)) for name in ("precession", "nutation"))
-            turned = free[0].nutation.turned(precession, nutation)
-            back = conjugate(product(np.stack([motion.frame for motion in free])[body][:, None], turned))
-            return projected_area_m2(self.shape, rotated(back, direction[:, None]))
-        motions = [motion for motion in self.attitudes if isinstance(motion, BodyMotion)]
-        frames = [motion.frame for motion in motions]
-        reference, first, second = np.moveaxis(np.stack([frame.axes for frame in frames])[body], 1, 0)
+        own = [m if isinstance(m, TorqueFreeMotion) else m.frame for m in self.attitudes]
+        reference, first, second = np.moveaxis(np.stack([frame.axes for frame in own])[body], 1, 0)
         angles = {
-            name: 2 * np.pi * turned_rev(name, [getattr(frame, f"{name}_phase_rev") for frame in frames])
-            for name in ("precession", "rolling", "spin")
+            name: 2 * np.pi * turned_rev(name, [getattr(frame, f"{name}_phase_rev", 0.0) for frame in own])
+            for name in ("precession", "rolling", "spin", "nutation")
         }
-        polar = angles["rolling"] + np.radians(motions[0].attitude.precession_angle_deg)
-        # Into body axes: back by precession about the reference, by the polar angle, by spin (target/attitude.py).
+        # Into body axes: back by precession about the reference, then by the polar angle and by spin
+        # (target/attitude.py), or by the nutation (target/torque_free.py).
         x, y, z = (np.einsum("ni,ni->n", direction, axis)[:, None] for axis in (first, second, reference))
         x, y = _turned_back(x, y, angles["precession"])
-        z, x = _turned_back(z, x, polar)
-        x, y = _turned_back(x, y, angles["spin"])
+        motion = self.attitudes[0]
+        if isinstance(motion, TorqueFreeMotion):
+            inner = motion.nutation.at(angles["nutation"] / (2 * np.pi))
+            parts = [np.moveaxis(rotated(inner, axis), -1, 0) for axis in np.eye(3)]
+            x, y, z = (x * part[0] + y * part[1] + z * part[2] for part in parts)
+        else:
+            polar = angles["rolling"] + np.radians(motion.attitude.precession_angle_deg)
+            z, x = _turned_back(z, x, polar)
+            x, y = _turned_back(x, y, angles["spin"])
         return projected_area_m2(self.shape, np.stack(np.broadcast_arrays(x, y, z), axis=-1))
 
 

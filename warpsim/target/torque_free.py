@@ -96,12 +96,6 @@ class Nutation:
     step: F64
     """By how much it changes in a step at each, (n, 4)."""
 
-    def turned(self, precession_rev: npt.ArrayLike, nutation_rev: F64) -> F64:
-        """Return the rotation body -> axes that the precession begins with, at phases of both turns [rev], (..., 4)."""
-        half = np.pi * np.asarray(precession_rev)
-        zero = np.zeros_like(half)
-        return product(np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1), self.at(nutation_rev))
-
     def at(self, phase_rev: F64) -> F64:
         """Return the rotation against the precessing axes at phases [rev], (..., 4): cubic between nodes (Hermite)."""
         n = len(self.quaternion)
@@ -130,8 +124,10 @@ class TorqueFreeMotion:
     def at(self, time_s: npt.ArrayLike) -> F64:
         """Rotation body -> GCRS at times after the epoch [s]; scalar last, unit, of a continuous sign, shape (n, 4)."""
         time, own = np.atleast_1d(np.asarray(time_s, dtype=np.float64)), self.nutation
-        precession_rev = 2.0 * turns(own.precession_rev_s / 2, time)  # over two turns: the sign is continuous
-        return product(self.frame, own.turned(precession_rev, turns(own.rate_rev_s, time)))
+        half = (
+            2 * np.pi * turns(own.precession_rev_s / 2, time)
+        )  # of the angle: the sign is continuous over whole turns
+        return product(self.frame, product(_about_z(half), own.at(turns(own.rate_rev_s, time))))
 
 
 @functools.lru_cache(maxsize=64)
@@ -233,12 +229,16 @@ class _Jacobi:
         wave = np.fft.rfft((turning - precession) / self.speed)
         wave[1:] /= 1j * np.arange(1, len(wave)) * (2 * np.pi / (4.0 * quarter))
         wave[0] = 0.0
-        half = 0.5 * np.fft.irfft(wave, n_node)
-        zero = np.zeros(n_node)
-        quaternion = product(np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1), _to_z(momentum))
+        quaternion = product(_about_z(0.5 * np.fft.irfft(wave, n_node)), _to_z(momentum))
         turned = 0.5 * product(quaternion, _pure(rate)) - 0.5 * product(_pure(np.array([0, 0, precession])), quaternion)
         into = from_matrix(self.basis)
         return precession, product(quaternion, into), product(turned * (4.0 * quarter / n_node / self.speed), into)
+
+
+def _about_z(half_rad: F64) -> F64:
+    """Turns about z by twice the angles, (n, 4)."""
+    zero = np.zeros(len(half_rad))
+    return np.stack([zero, zero, np.sin(half_rad), np.cos(half_rad)], axis=-1)
 
 
 def _pure(vector: F64) -> F64:
