@@ -88,7 +88,7 @@ def make_target_field(
     bodies.targets = wp.array(structs, dtype=Target, device=device)
     bodies.tables, bodies.exposure = tables, exposure
     bodies.surroundings = _surroundings(scenario.tracks, features, device)
-    bodies.surfaces = _surfaces(targets, spectral, lighting, own_bands, device)
+    bodies.surfaces = surfaces_struct(targets, spectral, lighting, own_bands, device)
     bodies.radiance = make_radiance(own_bands, span_k, device, spectral)
     return TargetField(
         features,
@@ -146,7 +146,7 @@ def _surroundings(tracks: Tracks, features: Features, device: wp.Device) -> Any:
     return surroundings
 
 
-def _surfaces(
+def surfaces_struct(
     targets: Sequence[SceneTarget],
     spectral: Sequence[Graybody],
     lighting: Lighting,
