@@ -57,6 +57,7 @@ class CurveScene:
     tables: Tables
     table_first: int  # row of the attitude tables where the target's begins
     table_count: int  # its rows; 0: the attitude says how it turns
+    phase_s: wp.float64  # time at which phases of motions count
     exposure: Exposure
     infrared_table: wp.array3d[wp.vec4d]
     surfaces: Surfaces  # of reflectance 1 where the surface has one number in each band; one target
@@ -73,7 +74,7 @@ def axes_before_of(features: Features) -> wp.Function:
         if wp.static(features.attitude_tables):
             first, count = scene.table_first, scene.table_count
             return turned_axes(table_quaternion(scene.tables.attitudes, first, count, time_s))
-        return axes_before_spin(one.attitude, time_s)
+        return axes_before_spin(one.attitude, time_s - scene.phase_s)
 
     return axes_before
 
@@ -83,10 +84,10 @@ def axes_after_of(features: Features) -> wp.Function:
     """The function that adds the spin, where that changes how the target looks."""
 
     @wp.func
-    def axes_after(before: wp.mat33d, one: CurveSet, time_s: wp.float64) -> wp.mat33d:
+    def axes_after(before: wp.mat33d, one: CurveSet, scene: CurveScene, time_s: wp.float64) -> wp.mat33d:
         """Axes of the body as rows, ICRS axes."""
         if wp.static(features.meshes and not features.attitude_tables):
-            return spun(before, one.attitude, time_s)
+            return spun(before, one.attitude, time_s - scene.phase_s)
         return before
 
     return axes_after
@@ -141,7 +142,7 @@ def make_light_curve_kernel(features: Features) -> wp.Kernel:
         for k in range(scene.exposure.offset_s.shape[0]):
             weight = scene.exposure.weight[k]
             time_s = seen.emission_time_s + scene.exposure.offset_s[k]
-            axes = axes_after(axes_before(one, scene, time_s), one, time_s)
+            axes = axes_after(axes_before(one, scene, time_s), one, scene, time_s)
             to_sensor = axes * seen.to_sensor
             areas[EMITTED] += weight * body_projected_area_m2(one.body, facets, to_sensor)
             if wp.static(features.sun):
@@ -206,14 +207,14 @@ class TermSlopes:
 
 
 @wp.func
-def rotations(torque: wp.vec3d, roll_axis: wp.vec3d, attitude: Attitude, time_s: wp.float64) -> RotationVector:
+def rotations(torque: wp.vec3d, roll_axis: wp.vec3d, attitude: Attitude, since_s: wp.float64) -> RotationVector:
     """What an area changes by with each rotation; torque: its change with a small turn of the body, ICRS axes."""
     out = RotationVector()
     out[PRECESSION] = wp.dot(torque, attitude.reference) * _TWO_PI
-    out[PRECESSION + 1] = out[PRECESSION] * time_s
+    out[PRECESSION + 1] = out[PRECESSION] * since_s
     rolled = wp.dot(torque, roll_axis)
     out[ROLLING] = rolled * _TWO_PI
-    out[ROLLING + 1] = out[ROLLING] * time_s
+    out[ROLLING + 1] = out[ROLLING] * since_s
     out[ANGLE_DEG] = rolled * _RAD_PER_DEG
     out[AXIS_RA_DEG] = torque[2] * _RAD_PER_DEG
     out[AXIS_DEC_DEG] = wp.dot(torque, attitude.second) * _RAD_PER_DEG
@@ -229,12 +230,12 @@ def add_term(
     before: wp.mat33d,
     axes: wp.mat33d,
     attitude: Attitude,
-    time_s: wp.float64,
+    since_s: wp.float64,
 ) -> TermSlopes:
     """Add the area of a term at an instant of the exposure; axes before and after the spin."""
-    turned = rotations(wp.transpose(axes) * slopes.torque, before[1], attitude, time_s)
+    turned = rotations(wp.transpose(axes) * slopes.torque, before[1], attitude, since_s)
     turned[SPIN] = slopes.torque[2] * _TWO_PI
-    turned[SPIN + 1] = turned[SPIN] * time_s
+    turned[SPIN + 1] = turned[SPIN] * since_s
     result = sums
     result.area_m2[term] = sums.area_m2[term] + weight * slopes.area_m2
     result.rotation[term] = sums.rotation[term] + weight * turned
@@ -274,24 +275,25 @@ def term_slopes_of(features: Features) -> wp.Function:
             weight = scene.exposure.weight[k]
             time_s = seen.emission_time_s + scene.exposure.offset_s[k]
             before = axes_before(one, scene, time_s)
-            axes = axes_after(before, one, time_s)
+            axes = axes_after(before, one, scene, time_s)
+            since_s = time_s - scene.phase_s
             to_sensor = axes * seen.to_sensor
             slopes = projected_slopes(one.body, facets, to_sensor)
-            sums = add_term(sums, EMITTED, weight, slopes, before, axes, one.attitude, time_s)
+            sums = add_term(sums, EMITTED, weight, slopes, before, axes, one.attitude, since_s)
             if wp.static(features.sun):
                 if seen.sun_au2 > _ZERO:
                     slopes = reflected_slopes(one.body, facets, to_sensor, axes * seen.to_sun)
-                    sums = add_term(sums, SUN, weight * seen.sun_au2, slopes, before, axes, one.attitude, time_s)
+                    sums = add_term(sums, SUN, weight * seen.sun_au2, slopes, before, axes, one.attitude, since_s)
             if wp.static(features.earth):
                 nadir = axes * seen.nadir
                 slopes = infrared_slopes(scene.infrared_table, one.body, facets, to_sensor, nadir, seen.limb_sine)
-                sums = add_term(sums, EARTH, weight, slopes, before, axes, one.attitude, time_s)
+                sums = add_term(sums, EARTH, weight, slopes, before, axes, one.attitude, since_s)
             if wp.static(features.albedo):
                 if seen.albedo_au2 > _ZERO:
                     slopes = albedo_slopes(
                         harmonics[view], one.body, facets, to_sensor, axes * seen.nadir, axes * seen.level
                     )
-                    sums = add_term(sums, ALBEDO, weight * seen.albedo_au2, slopes, before, axes, one.attitude, time_s)
+                    sums = add_term(sums, ALBEDO, weight * seen.albedo_au2, slopes, before, axes, one.attitude, since_s)
         return sums
 
     return term_slopes

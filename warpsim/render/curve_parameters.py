@@ -17,7 +17,7 @@ from warpsim_kernels.light_curve import CurveSet
 from warpsim.errors import InputError
 from warpsim.render.target_field import motion_struct
 from warpsim.target.areas import body_struct, has_facets, top_radius_m
-from warpsim.target.attitude import BodyMotion
+from warpsim.target.attitude import BodyMotion, turns
 from warpsim.target.surface import Graybody
 from warpsim.target.temperature import Temperature
 
@@ -56,6 +56,8 @@ class CurveTarget:
     """Temperatures that its radiances are tabulated for."""
     nearest_m: float
     """Shortest range of the curve."""
+    phase_s: float
+    """Time at which phases count."""
 
     @cached_property
     def reasons(self) -> dict[str, str]:
@@ -80,9 +82,12 @@ class CurveTarget:
         found |= {f"{side}.{band}": spectral for side in ("emissivity", "reflectance") for band in self.bands}
         return found
 
-    def check(self, names: Sequence[str]) -> None:
-        """Check that parameters act, each once; InputError otherwise."""
+    def chosen(self, parameters: str | Sequence[str] | None) -> list[str]:
+        """Return names of parameters that act, each once; InputError otherwise."""
         acting = ", ".join(name for name, reason in self.reasons.items() if not reason)
+        if parameters is None:
+            return [name for name in acting.split(", ") if not name.startswith("reflectance.")]
+        names = [parameters] if isinstance(parameters, str) else list(parameters)
         if not names:
             raise InputError(f"must name at least one of {acting}", "parameters")
         for name in names:
@@ -94,6 +99,7 @@ class CurveTarget:
         if len(set(same)) < len(names):
             twice = next(name for name in same if same.count(name) > 1)
             raise InputError("must name a parameter once (reflectance is 1 - emissivity)", "parameters", twice)
+        return names
 
     @cached_property
     def own(self) -> dict[str, float]:
@@ -109,7 +115,10 @@ class CurveTarget:
             values |= {name: getattr(motion, name) for name in _ATTITUDE if name.endswith("rev_s")}
             values |= {name: getattr(frame, name) for name in ("spin_phase_rev", "rolling_phase_rev")}
             values["precession_angle_deg"] = motion.precession_angle_deg
-            values["precession_phase_rev"] = (frame.precession_phase_rev + turn) % 1.0
+            values["precession_phase_rev"] = frame.precession_phase_rev + turn
+            for name in ("spin", "precession", "rolling"):
+                since_rev = turns(values[f"{name}_rev_s"], np.array(self.phase_s))
+                values[f"{name}_phase_rev"] = (values[f"{name}_phase_rev"] + since_rev) % 1.0
             values["axis_ra_deg"], values["axis_dec_deg"] = np.degrees([ra, dec])
         if isinstance(self.temperature, Temperature):
             end_k = self.temperature.end_k
@@ -186,14 +195,14 @@ class ParameterSets:
     """Sets of named parameters of a target, in the form that kernels read."""
 
     def __init__(self, target: CurveTarget, names: Sequence[str]) -> None:
-        target.check(names)
         self.target, self.names = target, list(names)
         self.values = np.array([target.own[name] for name in names])
         """The scene's values, (n_param,)."""
         self.bounds = np.array([target.bounds(name) for name in names])
         """Lowest and highest value of each, (n_param, 2)."""
         self._lengths = [name for name in _LENGTHS if name in target.own]
-        self._signs = np.array([-1.0 if name.startswith("reflectance.") else 1.0 for name in names])
+        self.signs = np.array([-1.0 if name.startswith("reflectance.") else 1.0 for name in names])
+        """What the kernels' derivatives are multiplied by, (n_param,)."""
         self.kind = np.array([self._kind(name) for name in names], dtype=np.int32)
         one: Any = CurveSet()
         first = 1 if has_facets(target.shape) else None  # facets_of puts a single mesh there
@@ -279,8 +288,3 @@ class ParameterSets:
         for name in _ATTITUDE:
             if name in attitude.dtype.names and name in full:
                 attitude[name] = full[name]
-
-    @property
-    def signs(self) -> F64:
-        """What the kernels' derivatives are multiplied by, (n_param,)."""
-        return self._signs

@@ -23,7 +23,7 @@ from warpsim_kernels.light_curve import (
 from warpsim_kernels.records import View
 from warpsim_kernels.signature import Features, Tables
 
-from warpsim.arguments import chosen_names
+from warpsim.arguments import chosen_names, finite_number
 from warpsim.detector.levels import noise_variance
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
@@ -32,6 +32,7 @@ from warpsim.render.curve_parameters import CurveTarget, ParameterSets
 from warpsim.render.device import default_device, worker_count
 from warpsim.render.device_scene import DeviceBodies
 from warpsim.render.device_upload import make_device_bodies
+from warpsim.render.information import Information, information_of
 from warpsim.render.light_curves import checked_times
 from warpsim.render.request import checked_names
 from warpsim.render.stages import aim
@@ -44,7 +45,7 @@ from warpsim.render.target_field import (
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 from warpsim.scene.temperatures import within_scene
-from warpsim.streams import normals
+from warpsim.streams import uniforms
 from warpsim.target.areas import facets_of, has_facets
 from warpsim.target.surface import Graybody
 from warpsim.target.temperature import Temperature
@@ -70,12 +71,14 @@ class LightCurve:
     Args:
         scene: The scene, or its scenario.
         target: Name of a target.
-        parameters: Names of the parameters; `LightCurve.parameters_of(scene, target)` lists those that act.
+        parameters: Names of the parameters; all that act when left out (emissivities stand for reflectances).
         time_s: Times after the epoch [s], within the scene; those of its frames when left out.
         sensors: Names of sensors, or the name of a kind; those that have access at some time when left out.
         bands: Band names; all of the kind when left out.
         device: Warp device; "cuda:0" where present, else "cpu", when left out.
         n_thread: CPU threads; all cores when left out. Results do not depend on it.
+        phase_time_s: Time at which phases of motions count [s]: the epoch, as in `Attitude`, when left out. Phases at a
+            time amid the data hardly depend on the rates.
 
     Raises:
         InputError: An unknown name, a parameter that does not act on the target, a time outside the scene.
@@ -85,12 +88,13 @@ class LightCurve:
         self,
         scene: Scene | Scenario,
         target: str,
-        parameters: Sequence[str],
+        parameters: str | Sequence[str] | None = None,
         time_s: npt.ArrayLike | None = None,
         sensors: str | Sequence[str] | None = None,
         bands: str | Sequence[str] | None = None,
         device: Any = None,
         n_thread: int | None = None,
+        phase_time_s: float = 0.0,
     ) -> None:
         scenario = scenario_of(scene)
         self.scenario = scenario
@@ -108,12 +112,13 @@ class LightCurve:
         """Range, NaN where the target cannot be seen, (n_time, n_sensor)."""
         kelvin = _kelvin(scenario)
         spec, nearest_m = scenario.targets[number].spec, float(views["range_m"].min(initial=np.inf))
+        self.phase_time_s = finite_number("phase_time_s", phase_time_s)
         own = CurveTarget(
-            spec.shape, scenario.attitudes[number], spec.surface, spec.temperature, self.bands, kelvin, nearest_m
-        )
-        names = [parameters] if isinstance(parameters, str) else list(parameters)
-        self._sets = ParameterSets(own, names)
-        self.parameters = names
+            spec.shape, scenario.attitudes[number], spec.surface, spec.temperature, self.bands, kelvin, nearest_m,
+            self.phase_time_s,
+        )  # fmt: skip
+        self._sets = ParameterSets(own, own.chosen(parameters))
+        self.parameters = self._sets.names
         """Names of the parameters."""
         self.values: F64 = self._sets.values
         """The scene's own values of the parameters, (n_param,)."""
@@ -168,6 +173,7 @@ class LightCurve:
         tables.temperatures = field.tables.temperatures
         scene.views, scene.tables, scene.exposure = self._views, tables, field.exposure
         scene.table_first, scene.table_count = spans[0]
+        scene.phase_s = self.phase_time_s
         scene.infrared_table = field.surroundings.infrared_table
         scene.surfaces = surfaces_struct([target], spectral, scenario.scene.lighting, bands, device)
         scene.radiance = make_radiance(bands, kelvin, device, spectral)
@@ -202,17 +208,35 @@ class LightCurve:
         noise = np.array([noise_variance(detector, levels[band]) for band in self.bands])
         return np.asarray(np.sqrt(noise[:, 0] + noise[:, 1] * light))
 
+    def fisher(self, params: npt.ArrayLike, sigma_w_cm2: npt.ArrayLike | None = None) -> Information:
+        """Return what the light curve says about its parameters, with Cramer-Rao bounds.
+
+        Args:
+            params: Values of the parameters, (n_param,).
+            sigma_w_cm2: Noise, of a shape that broadcasts with the irradiance's; the detector's when left out. What the
+                noise itself says about the light is left out.
+
+        Raises:
+            InputError: As of a call, or a noise is not above 0.
+        """
+        light, slopes = self.with_jacobian(np.ravel(params))
+        sigma = self.sigma_w_cm2(light) if sigma_w_cm2 is None else checked_sigma(sigma_w_cm2, light.shape)
+        return information_of(self.parameters, (slopes / sigma[..., None]).reshape(-1, len(self.parameters)))
+
     def sample(self, params: npt.ArrayLike, key: int, first: int = 0) -> F64:
-        """Return the irradiance with noise drawn for it [W/cm2], as a call.
+        """Return the irradiance with noise drawn for it [W/cm2], as a call; that of `sigma_w_cm2`, Gaussian.
 
         Args:
             params: As of a call.
             key: Seed of the noise.
             first: Number of the first set; a set's noise depends on key and number alone.
         """
+        from scipy.special import ndtri
+
         light = self(params)
         sets = light if light.ndim == 4 else light[None]
-        unit = np.stack([normals(key, "light curve", first + k, one.size).reshape(one.shape) for k, one in enumerate(sets)])
+        draws = [ndtri(uniforms(key, "light curve", first + number, one.size)) for number, one in enumerate(sets)]
+        unit = np.reshape(draws, sets.shape)
         return np.asarray((sets + self.sigma_w_cm2(sets) * unit).reshape(light.shape))
 
     def _answer(self, params: npt.ArrayLike, with_slopes: bool) -> tuple[F64, F64]:
@@ -265,8 +289,15 @@ class LightCurve:
             list(pool.map(launch, ends[:-1].tolist(), ends[1:].tolist()))
 
 
-def parameters_of(scene: Scene | Scenario, target: str, bands: str | Sequence[str] | None = None) -> dict[str, str]:
-    raise NotImplementedError
+def checked_sigma(sigma_w_cm2: npt.ArrayLike, shape: tuple[int, ...]) -> F64:
+    """Return noise in the shape of irradiances; InputError where it is not above 0."""
+    try:
+        sigma = np.broadcast_to(np.asarray(sigma_w_cm2, dtype=np.float64), shape)
+    except (TypeError, ValueError):
+        raise InputError(f"must be numbers that broadcast to {shape}", "sigma_w_cm2") from None
+    if not (sigma > 0.0).all():
+        raise InputError("must be above 0", "sigma_w_cm2")
+    return sigma
 
 
 def _features(bodies: DeviceBodies, scenario: Scenario, number: int) -> Features:
