@@ -30,6 +30,7 @@ TERMS = {
     "emission, Sun": {"sun": True, "earth": False, "albedo": False},
     "all terms": {"sun": True, "earth": True, "albedo": True},
 }
+IN_SUNLIGHT = {"epoch_utc": "2025-03-20T06:00:00", "sky__catalog": "none", "duration_s": 1600.0, "frames__count": 100}
 N_ROUND = 5
 
 
@@ -75,11 +76,11 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--device", default="cpu")
     options = parser.parse_args()
-    scene = ws.Scene.load("stss").replace(epoch_utc="2025-03-20T06:00:00", sky__catalog="none", duration_s=1600.0)
+    scene = ws.Scene.load("stss").replace(**IN_SUNLIGHT)
     found: dict[str, Any] = {"command": "python -m benchmarks.gradients", "n_cpu": os.cpu_count()}
     for name, terms in TERMS.items():
         lighting = ws.Lighting(**terms, leave_out_nei=0.0)
-        found[name] = measured(scene.replace(lighting=lighting, frames__count=100), options.device)
+        found[name] = measured(scene.replace(lighting=lighting), options.device)
     write_or_print(found, options.json)
 
 

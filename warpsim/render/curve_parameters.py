@@ -16,7 +16,7 @@ from warpsim_kernels.light_curve import CurveSet
 
 from warpsim.errors import InputError
 from warpsim.render.target_field import motion_struct
-from warpsim.target.areas import body_struct, has_facets, top_radius_m
+from warpsim.target.areas import body_struct, has_facets
 from warpsim.target.attitude import BodyMotion, turns
 from warpsim.target.surface import Graybody
 from warpsim.target.temperature import Temperature
@@ -34,6 +34,7 @@ _ATTITUDE = {
     "axis_ra_deg": kinds.AXIS_RA_DEG,
     "axis_dec_deg": kinds.AXIS_DEC_DEG,
 }
+_STRUCT_FIELDS = frozenset(name for name in _ATTITUDE if "_rev" in name)
 _LENGTHS = ("radius_m", "height_m", "top_radius_m", "width_m", "length_m")
 _TEMPERATURE = {
     "temperature_start_k": kinds.START_K,
@@ -247,9 +248,10 @@ class ParameterSets:
         return sets
 
     def records(self, sets: F64) -> tuple[npt.NDArray[Any], F64, F64]:
-        """Return the kernels' CurveSets, (n_set,); emissivity and reflectance, (n_set, n_band, 2); changes of the shape.
+        """Return sets as kernels read them.
 
-        The last are those of the Body's members with each parameter, (n_set, n_param, 6).
+        The kernels' CurveSets, (n_set,); emissivity and reflectance, (n_set, n_band, 2); and what each parameter changes
+        the members of the Body by, (n_set, n_param, 6).
         """
         n_set, given = len(sets), dict(zip(self.names, sets.T, strict=True))
         out = np.repeat(self._record, n_set)
@@ -286,5 +288,5 @@ class ParameterSets:
             attitude[name] = axes[:, number]
         attitude["tilt_rad"] = np.radians(full["precession_angle_deg"])
         for name in _ATTITUDE:
-            if name in attitude.dtype.names and name in full:
+            if name in full and name in _STRUCT_FIELDS:
                 attitude[name] = full[name]

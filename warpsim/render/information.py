@@ -109,4 +109,4 @@ def information_of(names: Sequence[str], weighted: F64) -> Information:
     """Return the information of measurements by their Jacobian over their errors, (n_measured, n_param)."""
     n_param = weighted.shape[1]
     root = np.linalg.qr(np.concatenate([weighted, np.zeros((n_param, n_param))]), mode="r")
-    return Information(list(names), root)
+    return Information(list(names), np.asarray(root))

@@ -42,9 +42,9 @@ from warpsim.render.target_field import (
     make_radiance,
     surfaces_struct,
 )
+from warpsim.scene.attitudes import within_scene
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
-from warpsim.scene.temperatures import within_scene
 from warpsim.streams import uniforms
 from warpsim.target.areas import facets_of, has_facets
 from warpsim.target.surface import Graybody

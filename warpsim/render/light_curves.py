@@ -208,6 +208,7 @@ def _observed(bodies: DeviceBodies, times: F64, rows: list[int], n_worker: int) 
 
 
 def checked_times(scenario: Scenario, instrument: Instrument, time_s: npt.ArrayLike | None) -> F64:
+    """Return times within the scene, those of its frames for None; InputError for others."""
     if time_s is None:
         return instrument.frame_time_s(np.arange(instrument.frames.count))
     times, duration_s = times_s(time_s), scenario.scene.duration_s
