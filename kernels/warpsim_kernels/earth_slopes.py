@@ -1,6 +1,6 @@
-"""Areas of the Earth's light with what they change by, float64: the derivatives of `earth_infrared` and `earth_albedo`.
+"""Areas of the Earth's light with what they change by, float64: derivatives of `earth_infrared` and `earth_albedo`.
 
-Both are tables, linear between nodes: these are the derivatives of what is drawn, which jump at nodes of the infrared's.
+They are those of the same tables, which are linear between nodes: that of infrared jumps where a normal passes a node.
 """
 
 import functools

@@ -263,7 +263,8 @@ def band_radiance_slope(table: RadianceTable, row: int, temperature_k: wp.float6
 def term_slopes_of(features: Features) -> wp.Function:
     """The function of all terms' areas in a view."""
     axes_before, axes_after = axes_before_of(features), axes_after_of(features)
-    Harmonics, albedo_slopes = albedo_series_of(features.albedo_degree).Harmonics, albedo_slopes_of(features.albedo_degree)
+    Harmonics = albedo_series_of(features.albedo_degree).Harmonics
+    albedo_slopes = albedo_slopes_of(features.albedo_degree)
 
     @wp.func
     def term_slopes(

@@ -38,7 +38,7 @@ class Fit:
     names: list[str]
     """Parameters, as in `cone.precession_rev_s`: those of the curves, behind the name of the target."""
     values: F64
-    """Estimates, (n_param,)."""
+    """Estimates, (n_param,); phases from 0 to 1."""
     information: Information
     """What the data say about them, by the stated errors."""
     chi_square: float
@@ -135,8 +135,9 @@ def fit(
         if best is None or found.cost < best.cost:
             best = found
     known = information_of(names, best.jac)
+    found_at = np.where([name.endswith("_phase_rev") for name in names], best.x % 1.0, best.x)
     n_freedom = len(best.fun) - len(names)
-    return Fit(names, best.x, known, float(2 * best.cost), n_freedom, bool(best.success))
+    return Fit(names, found_at, known, float(2 * best.cost), n_freedom, bool(best.success))
 
 
 def _rows(data: Sequence[Any]) -> tuple[list[str], F64, list[_Data]]:

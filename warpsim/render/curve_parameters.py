@@ -250,8 +250,9 @@ class ParameterSets:
     def records(self, sets: F64) -> tuple[npt.NDArray[Any], F64, F64]:
         """Return sets as kernels read them.
 
-        The kernels' CurveSets, (n_set,); emissivity and reflectance, (n_set, n_band, 2); and what each parameter changes
-        the members of the Body by, (n_set, n_param, 6).
+        Returns:
+            The kernels' CurveSets, (n_set,); emissivity and reflectance, (n_set, n_band, 2); what each parameter changes
+            the members of the Body by, (n_set, n_param, 6).
         """
         n_set, given = len(sets), dict(zip(self.names, sets.T, strict=True))
         out = np.repeat(self._record, n_set)
