@@ -69,6 +69,7 @@ def five_points(curve, at, column, step):
 
 
 @pytest.mark.parametrize("name", BODIES)
+@pytest.mark.ci
 def test_the_scenes_own_values_give_its_light_curves(day, name, device):
     curve = ws.LightCurve(day, name, None, TIMES, SENSORS, device=device)
     expected = ws.light_curves(day, TIMES, SENSORS, name, device=device)
@@ -79,6 +80,54 @@ def test_the_scenes_own_values_give_its_light_curves(day, name, device):
     np.testing.assert_allclose(curve.with_jacobian(curve.values)[0], light, rtol=1e-12, atol=light.max() * 1e-14)
     seen = light[..., 0] > 0
     np.testing.assert_array_equal(curve.range_km[seen], expected.range_km[..., 0][seen])
+
+
+CHANGED = {
+    "spin_rev_s": -0.31, "spin_phase_rev": 0.87, "precession_rev_s": 1.3, "precession_phase_rev": 0.21,
+    "precession_angle_deg": 41.0, "rolling_rev_s": 0.77, "rolling_phase_rev": 0.4, "axis_ra_deg": 200.0,
+    "axis_dec_deg": -35.0, "radius_m": 0.37, "height_m": 0.81, "top_radius_m": 0.29, "width_m": 0.7, "length_m": 0.5,
+    "temperature_start_k": 301.0, "temperature_end_k": 287.0, "temperature_offset_k": 12.5, "emissivity.A": 0.3,
+    "emissivity.C": 0.45, "emissivity.E": 0.6,
+}  # fmt: skip
+"""Other values of all parameters that a scene can have."""
+
+
+def changed_spec(spec, value):
+    """A target as a scene describes it, by the values of parameters."""
+    ra, dec = np.radians(value.get("axis_ra_deg", 0.0)), np.radians(value.get("axis_dec_deg", 0.0))
+    axis = (np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec))
+    parts = {
+        "shape": {name: value[name] for name in vars(spec.shape) if name in value},
+        "attitude": {"axis": axis} | {name: value[name] for name in vars(spec.attitude) if name in value},
+        "temperature": {name: value[f"temperature_{name}"] for name in ("start_k", "end_k")
+                        if f"temperature_{name}" in value},
+    }  # fmt: skip
+    if "temperature_offset_k" in value:
+        parts["temperature"] = {"temperature_k": tuple(np.array(WARM.temperature_k) + value["temperature_offset_k"])}
+    new = {name: dataclasses.replace(getattr(spec, name), **change) for name, change in parts.items()}
+    emissivity = {band: value[f"emissivity.{band}"] for band in "ACE"}
+    return dataclasses.replace(spec, surface=ws.Graybody(emissivity=emissivity), **new)
+
+
+@pytest.mark.parametrize("name", ["cone", "cylinder", "frustum", "plate", "box"])
+@pytest.mark.ci
+def test_other_values_give_the_light_curves_of_the_scene_that_has_them(day, name):
+    """The meaning of each parameter: against scenes with other numbers."""
+    curve = ws.LightCurve(day, name, None, TIMES, SENSORS, device="cpu")
+    given = [own for own in curve.parameters if own in CHANGED]
+    assert set(curve.parameters) - set(given) == {"scale", "range_offset_m"}
+    value = {own: CHANGED[own] for own in given}
+    specs = [changed_spec(target.spec, value) if target.name == name else target.spec for target in day.targets]
+    other = day.scene.replace(groups=[dataclasses.replace(day.scene.groups[0], targets=specs)]).scenario
+    expected = ws.light_curves(other, TIMES, SENSORS, name, device="cpu").irradiance_w_cm2[..., 0]
+    sets = [CHANGED.get(own, at) for own, at in zip(curve.parameters, curve.values, strict=True)]
+    found = curve(sets)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * expected.max())
+    sets[curve.parameters.index("scale")] = 1.2
+    sets[curve.parameters.index("range_offset_m")] = 5e4
+    far = curve.range_km / (curve.range_km + 50.0)
+    expected = found * 1.2**2 * np.nan_to_num(far)[..., None] ** 2
+    np.testing.assert_allclose(curve(sets), expected, rtol=1e-12)
 
 
 def test_phases_count_at_the_time_asked_for(day):
@@ -253,6 +302,15 @@ def test_what_does_not_act_is_refused_with_the_reason(day):
     assert "must be among precession_rev_s, " in unknown and "spin_rev_s" not in unknown
     assert "once" in refused("cone", ["emissivity.A", "reflectance.A"])
     assert "at least one" in refused("cone", [])
+
+
+def test_a_constant_temperature_stays_constant(day):
+    """Unless its end is a parameter of its own."""
+    both = ws.LightCurve(day, "cone", ["temperature_start_k", "temperature_end_k"], TIMES, SENSORS, device="cpu")
+    one = ws.LightCurve(day, "cone", "temperature_start_k", TIMES, SENSORS, device="cpu")
+    np.testing.assert_array_equal(one(320.0 + np.zeros(1)), both([320.0, 320.0]))
+    slopes = both.jacobian([320.0, 320.0])
+    np.testing.assert_allclose(one.jacobian([320.0])[..., 0], slopes.sum(axis=-1), rtol=1e-12)
 
 
 def test_bad_values_are_refused(day):

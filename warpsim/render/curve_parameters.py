@@ -251,8 +251,8 @@ class ParameterSets:
         """Return sets as kernels read them.
 
         Returns:
-            The kernels' CurveSets, (n_set,); emissivity and reflectance, (n_set, n_band, 2); what each parameter changes
-            the members of the Body by, (n_set, n_param, 6).
+            The kernels' CurveSets, (n_set,); emissivity and reflectance, (n_set, n_band, 2); what each parameter
+            changes the members of the Body by, (n_set, n_param, 6).
         """
         n_set, given = len(sets), dict(zip(self.names, sets.T, strict=True))
         out = np.repeat(self._record, n_set)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -47,6 +46,8 @@ from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 from warpsim.streams import uniforms
 from warpsim.target.areas import facets_of, has_facets
+from warpsim.target.attitude import BodyMotion
+from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.surface import Graybody
 from warpsim.target.temperature import Temperature
 
@@ -102,6 +103,10 @@ class LightCurve:
         self.target = chosen_names("target", [target], scenario.target_names)[0]
         self.time_s: F64 = checked_times(scenario, self.instrument, time_s)
         number = scenario.target_names.index(self.target)
+        attitude = scenario.attitudes[number]
+        if not isinstance(attitude, BodyMotion | AttitudeRows):
+            kind = scenario.targets[number].spec.attitude.kind
+            raise InputError(f"has an attitude of kind {kind!r}, which light curves do not know", self.target)
         self._device = default_device(device)
         self._n_worker = worker_count(self._device, n_thread)
         bodies = make_device_bodies(scenario, self.instrument, self.bands, self._device)
@@ -114,7 +119,7 @@ class LightCurve:
         spec, nearest_m = scenario.targets[number].spec, float(views["range_m"].min(initial=np.inf))
         self.phase_time_s = finite_number("phase_time_s", phase_time_s)
         own = CurveTarget(
-            spec.shape, scenario.attitudes[number], spec.surface, spec.temperature, self.bands, kelvin, nearest_m,
+            spec.shape, attitude, spec.surface, spec.temperature, self.bands, kelvin, nearest_m,
             self.phase_time_s,
         )  # fmt: skip
         self._sets = ParameterSets(own, own.chosen(parameters))
@@ -163,9 +168,8 @@ class LightCurve:
         """What all sets share, as the kernels' struct."""
         scenario, device, field = self.scenario, self._device, bodies.field.bodies
         target, bands = scenario.targets[number], [self.instrument.bands[name] for name in self.bands]
+        # Where the surface has one number in each band, those of the sets are parts of reflectance 1.
         spectral = [target.spec.surface] if target.spec.surface.is_spectral else []
-        if not spectral:  # reflectance 1, which the sets' is a part of
-            target = dataclasses.replace(target, spec=dataclasses.replace(target.spec, surface=Graybody(1.0)))
         attitudes, spans = make_attitudes([scenario.attitudes[number]], device)
         scene: Any = CurveScene()
         tables: Any = Tables()
@@ -175,7 +179,7 @@ class LightCurve:
         scene.table_first, scene.table_count = spans[0]
         scene.phase_s = self.phase_time_s
         scene.infrared_table = field.surroundings.infrared_table
-        scene.surfaces = surfaces_struct([target], spectral, scenario.scene.lighting, bands, device)
+        scene.surfaces = surfaces_struct(spectral or [Graybody(1.0)], spectral, scenario.scene.lighting, bands, device)
         scene.radiance = make_radiance(bands, kelvin, device, spectral)
         return scene
 

@@ -26,7 +26,6 @@ from warpsim.scene.exposure import ExposureRule
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import LightTerm
 from warpsim.scene.scenario import Scenario
-from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.areas import body_struct, facets_of
 from warpsim.target.attitude import BodyMotion
@@ -88,7 +87,8 @@ def make_target_field(
     bodies.targets = wp.array(structs, dtype=Target, device=device)
     bodies.tables, bodies.exposure = tables, exposure
     bodies.surroundings = _surroundings(scenario.tracks, features, device)
-    bodies.surfaces = surfaces_struct(targets, spectral, lighting, own_bands, device)
+    own = [target.spec.surface for target in targets]
+    bodies.surfaces = surfaces_struct(own, spectral, lighting, own_bands, device)
     bodies.radiance = make_radiance(own_bands, span_k, device, spectral)
     return TargetField(
         features,
@@ -147,14 +147,13 @@ def _surroundings(tracks: Tracks, features: Features, device: wp.Device) -> Any:
 
 
 def surfaces_struct(
-    targets: Sequence[SceneTarget],
+    own: Sequence[Graybody],
     spectral: Sequence[Graybody],
     lighting: Lighting,
     bands: Sequence[Band],
     device: wp.Device,
 ) -> Any:
-    """Return the optical properties of the targets' surfaces; `spectral` are the different ones by wavelength."""
-    own = [target.spec.surface for target in targets]
+    """Return the optical properties of surfaces; `spectral` are the different ones by wavelength."""
     different = {surface: number for number, surface in enumerate(dict.fromkeys(own))}
     which = np.array([different[surface] for surface in own], dtype=np.intp)
 
