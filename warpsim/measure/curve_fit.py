@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arguments import finite_number, plain_array, whole_number
 from warpsim.errors import InputError
 from warpsim.render.information import Information, information_of
 from warpsim.render.light_curve import LightCurve, checked_sigma
@@ -117,8 +118,14 @@ def fit(
     from scipy.optimize import least_squares
 
     names, bounds, rows = _rows(data)
+    for what, given in (("start", start), ("scan", scan)):
+        if not isinstance(given, Mapping | None):
+            raise InputError("must be values by name", what, given)
+        for name in given or {}:
+            if name not in names:
+                raise InputError(f"must name parameters among {', '.join(names)}", what, name)
     values = _start(names, bounds, rows, start or {})
-    starts = _scanned(names, rows, values, dict(scan or {}), n_start) if scan else [values]
+    starts = _scanned(names, rows, values, scan, whole_number("n_start", n_start, 1)) if scan else [values]
 
     def residuals(x: F64) -> F64:
         return np.concatenate([row.residuals(x) for row in rows])
@@ -142,7 +149,7 @@ def fit(
 
 def _rows(data: Sequence[Any]) -> tuple[list[str], F64, list[_Data]]:
     """Names of all parameters, their bounds, and the data of each curve."""
-    if not len(data):
+    if not isinstance(data, Sequence) or not data:
         raise InputError("must hold at least one light curve", "data")
     bounds: dict[str, F64] = {}
     for number, item in enumerate(data):
@@ -163,10 +170,7 @@ def _rows(data: Sequence[Any]) -> tuple[list[str], F64, list[_Data]]:
 
 def _checked(number: int, item: Any, names: list[str]) -> _Data:
     curve, light, sigma = item
-    try:
-        measured = np.asarray(light, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError("must be numbers", f"data[{number}]") from None
+    measured = plain_array(light, "W / cm2", f"data[{number}]")
     shape = (len(curve.time_s), len(curve.sensors), len(curve.bands))
     if measured.shape != shape:
         raise InputError(f"must have the shape of its curve, {shape}", f"data[{number}]", measured.shape)
@@ -182,20 +186,15 @@ def _start(names: list[str], bounds: F64, rows: list[_Data], given: Mapping[str,
     for row in rows:
         values[row.columns] = row.curve.values
     for name, value in given.items():
-        if name not in names:
-            raise InputError(f"must name parameters among {', '.join(names)}", "start", name)
-        values[names.index(name)] = value
+        values[names.index(name)] = finite_number(f"start[{name!r}]", value)
     for name, value, (low, high) in zip(names, values, bounds, strict=True):
         if not low <= value <= high:
             raise InputError(f"{name} must be from {low:g} to {high:g}", "start", value, "g")
     return values
 
 
-def _scanned(names: list[str], rows: list[_Data], values: F64, scan: dict[str, Any], n_start: int) -> list[F64]:
+def _scanned(names: list[str], rows: list[_Data], values: F64, scan: Mapping[str, Any], n_start: int) -> list[F64]:
     """Best starts of a scan, which takes each target for itself."""
-    for name in scan:
-        if name not in names:
-            raise InputError(f"must name parameters among {', '.join(names)}", "scan", name)
     starts = [values] * n_start
     for target in dict.fromkeys(row.curve.target for row in rows):
         own = [row for row in rows if row.curve.target == target]
@@ -221,14 +220,16 @@ def _axes(names: list[str], rows: list[_Data], wanted: dict[str, Any]) -> dict[s
     axes: dict[str, F64] = {}
     for name, given in wanted.items():
         if name.endswith("_rev_s") and isinstance(given, tuple) and len(given) == 2:
-            low, high = float(given[0]), float(given[1])
+            low, high = (finite_number(f"scan[{name!r}]", rate) for rate in given)
             n_step = int(np.ceil(abs(high - low) * max(span_s, 1e-9) / RATE_STEP_REV))
             axes[name] = np.linspace(low, high, n_step + 1)
             phase = name.removesuffix("_rev_s") + "_phase_rev"
             if phase in names and phase not in wanted:
                 axes[phase] = np.arange(N_PHASE) / N_PHASE
         else:
-            axes[name] = np.atleast_1d(np.asarray(given, dtype=np.float64))
+            axes[name] = np.atleast_1d(plain_array(given, "", f"scan[{name!r}]"))
+            if axes[name].ndim != 1 or not axes[name].size:
+                raise InputError("must be a list of values", f"scan[{name!r}]", given)
     n_set = int(np.prod([len(axis) for axis in axes.values()], dtype=np.float64))
     if n_set > MOST_SETS:
         raise InputError(f"has {n_set:.3g} combinations, more than {MOST_SETS:.3g}", "scan")

@@ -88,6 +88,8 @@ class CurveTarget:
         acting = ", ".join(name for name, reason in self.reasons.items() if not reason)
         if parameters is None:
             return [name for name in acting.split(", ") if not name.startswith("reflectance.")]
+        if not isinstance(parameters, str | Sequence):
+            raise InputError("must be a list of names", "parameters", parameters)
         names = [parameters] if isinstance(parameters, str) else list(parameters)
         if not names:
             raise InputError(f"must name at least one of {acting}", "parameters")

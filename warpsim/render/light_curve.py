@@ -22,7 +22,7 @@ from warpsim_kernels.light_curve import (
 from warpsim_kernels.records import View
 from warpsim_kernels.signature import Features, Tables
 
-from warpsim.arguments import chosen_names, finite_number
+from warpsim.arguments import chosen_names, finite_number, whole_number
 from warpsim.detector.levels import noise_variance
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
@@ -237,6 +237,7 @@ class LightCurve:
         """
         from scipy.special import ndtri
 
+        key, first = whole_number("key", key, 0), whole_number("first", first, 0)
         light = self(params)
         sets = light if light.ndim == 4 else light[None]
         draws = [ndtri(uniforms(key, "light curve", first + number, one.size)) for number, one in enumerate(sets)]
@@ -258,7 +259,8 @@ class LightCurve:
         ]
         if with_slopes:
             given.append(wp.array(shapes, dtype=ShapeVector, device=self._device, copy=False))
-        self._launch(given, light, slopes)
+        if light.size:
+            self._launch(given, light, slopes)
         shape = (*np.shape(params)[:-1], *self._shape)
         found = to_numpy(light).reshape(shape)
         if slopes is None:
