@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
+from test_light_curve import BOX
 
 import warpsim as ws
 
@@ -62,6 +65,21 @@ def test_a_scan_finds_the_rate(paper):
     listed = {"center.precession_rev_s": [1.3, 1.37], "center.precession_phase_rev": np.linspace(0, 1, 8)}
     given = ws.fit([(curve, data, None)], start=start, scan=listed)
     np.testing.assert_allclose(given.values, found.values, atol=1e-4 * sigma.max())
+
+
+@pytest.mark.ci
+def test_the_spin_of_a_box_is_found(scene):
+    """But for half a turn, after which the box looks the same."""
+    motion = ws.Attitude(0.7, 0.11, 30.0, axis=(0.2, -0.5, 0.4))
+    box = ws.TargetSpec("box", BOX, ws.Graybody(reflectance=0.6), ws.Temperature(300.0), motion)
+    other = scene.replace(sky__catalog="none", groups=[dataclasses.replace(scene.groups[0], targets=[box])])
+    curve = curve_of(other, ["spin_rev_s", *PRECESSION, "spin_phase_rev"], "box")
+    truth = curve.values.copy()
+    truth[[0, 4]] = 1.093, 0.246
+    found = ws.fit([(curve, curve.sample(truth, key=SEED), None)], scan={"box.spin_rev_s": (0.2, 2.0)})
+    missed = found.values - truth
+    missed[4] -= np.round(2 * missed[4]) / 2
+    assert (np.abs(missed) < 5 * np.array(list(found.sigma.values()))).all()
 
 
 def test_bodies_and_curves_are_fitted_together(paper):
