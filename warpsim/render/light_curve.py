@@ -103,10 +103,9 @@ class LightCurve:
         self.target = chosen_names("target", [target], scenario.target_names)[0]
         self.time_s: F64 = checked_times(scenario, self.instrument, time_s)
         number = scenario.target_names.index(self.target)
-        attitude = scenario.attitudes[number]
-        if not isinstance(attitude, BodyMotion | AttitudeRows):
-            kind = scenario.targets[number].spec.attitude.kind
-            raise InputError(f"has an attitude of kind {kind!r}, which light curves do not know", self.target)
+        attitude, spec = scenario.attitudes[number], scenario.targets[number].spec
+        if not isinstance(attitude, BodyMotion | AttitudeRows) or getattr(spec, "patches", None):
+            raise InputError("light curves know bodies of one surface, which turn by a motion or a table", self.target)
         self._device = default_device(device)
         self._n_worker = worker_count(self._device, n_thread)
         bodies = make_device_bodies(scenario, self.instrument, self.bands, self._device)
@@ -116,7 +115,7 @@ class LightCurve:
         self.range_km: F64 = np.where(views["visible"] > 0, views["range_m"] / 1e3, np.nan).reshape(self._shape[:2])
         """Range, NaN where the target cannot be seen, (n_time, n_sensor)."""
         kelvin = _kelvin(scenario)
-        spec, nearest_m = scenario.targets[number].spec, float(views["range_m"].min(initial=np.inf))
+        nearest_m = float(views["range_m"].min(initial=np.inf))
         self.phase_time_s = finite_number("phase_time_s", phase_time_s)
         own = CurveTarget(
             spec.shape, attitude, spec.surface, spec.temperature, self.bands, kelvin, nearest_m,
