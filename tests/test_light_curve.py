@@ -13,7 +13,8 @@ LIGHT_RTOL = 1e-12  # asked for: the same functions, with axes and phases rounde
 SLOPE_RTOL = 1e-9  # of the largest derivative: asked for; differences are good to 1e-10
 NEAR_KINK = 1e-4  # how near a kink no derivative is compared
 EARTH_SHARE = 0.97  # of geometries that are not next to a node of the Earth's infrared, 8 samples each
-MONTE_CARLO = 0.1  # asked for, of 200 draws; the standard deviation of 200 has an error of 5 %
+RADIANCE_RTOL = 1e-7  # of the table of radiances, at half the scene's lowest temperature
+EXPOSED_RTOL = 1e-4  # a box turns faces into view and light during any exposure
 SEED = 7
 
 BOX = ws.Mesh(
@@ -147,7 +148,7 @@ def test_light_is_averaged_over_the_exposure(day):
     slopes = curve.jacobian(curve.values)
     for column in range(2):
         found = five_points(curve, curve.values, column, 2.0**-32)
-        np.testing.assert_allclose(slopes[..., column], found, rtol=0, atol=1e-4 * np.abs(found).max())
+        np.testing.assert_allclose(slopes[..., column], found, rtol=0, atol=EXPOSED_RTOL * np.abs(found).max())
 
 
 def test_a_batch_is_each_of_its_sets_bit_for_bit(day, device):
@@ -311,6 +312,21 @@ def test_a_constant_temperature_stays_constant(day):
     np.testing.assert_array_equal(one(320.0 + np.zeros(1)), both([320.0, 320.0]))
     slopes = both.jacobian([320.0, 320.0])
     np.testing.assert_allclose(one.jacobian([320.0])[..., 0], slopes.sum(axis=-1), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter"), [("sphere", "temperature_start_k"), ("frustum", "temperature_offset_k")]
+)
+def test_temperatures_reach_as_far_as_their_bounds(day, name, parameter):
+    """Emission alone, against Planck's law, and the light at the scene's own temperature."""
+    curve = ws.LightCurve(terms_of(day), name, parameter, [0.0], SENSORS[:1], "A", "cpu")
+    own_k = curve.scenario.temperature_k(name, [0.0])[0]
+    for value in curve.bounds[0]:
+        kelvin = value + own_k if parameter == "temperature_offset_k" else value
+        expected = curve(curve.values) / ws.band_radiance_w_m2_sr(own_k, "A") * ws.band_radiance_w_m2_sr(kelvin, "A")
+        np.testing.assert_allclose(curve([value]), expected, rtol=RADIANCE_RTOL)
+        with pytest.raises(ws.InputError, match="must be from"):
+            curve([value + np.sign(value - curve.values[0])])
 
 
 def test_bad_values_are_refused(day):

@@ -15,9 +15,7 @@ _PI = wp.constant(wp.float64(3.141592653589793))
 _TWO_PI = wp.constant(wp.float64(6.283185307179586))
 _ZERO = wp.constant(wp.float64(0.0))
 _ONE = wp.constant(wp.float64(1.0))
-_TWO = wp.constant(wp.float64(2.0))
 _HALF = wp.constant(wp.float64(0.5))
-_LEAST = wp.constant(wp.float64(1.0e-300))
 
 RADIUS, TOP, BASE, SIDE, ACROSS, ALONG = (wp.constant(number) for number in range(6))
 """Columns of `ShapeVector`, the members of a Body."""

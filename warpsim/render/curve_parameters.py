@@ -143,7 +143,7 @@ class CurveTarget:
         if name in ("temperature_start_k", "temperature_end_k"):
             return self.kelvin
         if name == "temperature_offset_k":
-            return self.kelvin[0] / 2 - self.kelvin[0], self.kelvin[1]
+            return -self.kelvin[0], self.kelvin[1] / 2  # the scene's own are from twice the one to half the other
         if name == "range_offset_m":
             return 1.0 - self.nearest_m, 1e15
         if "." in name:
