@@ -53,6 +53,7 @@ LINES = {
     "Light of targets": (
         "Band radiance, 50 to 6000 K",
         "Band radiance, in the kernel",
+        "Jacobian of a light curve, of the largest derivative",
         "Six spectral intervals of a band, 200 to 6000 K",
         "Band radiance, 31 shipped bands, 300 to 5800 K",
         "Irradiance of magnitude 0, WISE and 2MASS",
@@ -102,6 +103,7 @@ LINES = {
     "What can be measured": (
         "Cramer-Rao bounds of position and light",
         "Fits of noisy images over their bounds",
+        "Scatter of fits of light curves over their bounds, less 1",
     ),
     "Motion": (
         "Attitude after 1e6 s at 5 rev/s",

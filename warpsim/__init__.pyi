@@ -38,6 +38,9 @@ from warpsim.live.view import View as View
 from warpsim.live.recording import record as record
 from warpsim.render.light_curves import light_curves as light_curves
 from warpsim.render.light_curves import LightCurves as LightCurves
+from warpsim.render.light_curve import LightCurve as LightCurve
+from warpsim.measure.curve_fit import fit as fit
+from warpsim.measure.curve_fit import Fit as Fit
 from warpsim.render.deposit import deposit as deposit
 from warpsim.speed.work import measure_fps as measure_fps
 from warpsim.measure.detections import detections as detections

@@ -25,8 +25,8 @@ N_SAMPLE = 8
 _TURNS = [math.pi * (j + 0.5) / N_SAMPLE for j in range(N_SAMPLE)]  # the middles of equal parts of half a turn
 Samples = wp.types.vector(length=N_SAMPLE, dtype=wp.float64)
 Waves = wp.types.matrix(shape=(N_SAMPLE, N_SAMPLE), dtype=wp.float64)
-_COSINES = wp.constant(Samples(*(math.cos(turn) for turn in _TURNS)))
-_WAVES = wp.constant(
+COSINES = wp.constant(Samples(*(math.cos(turn) for turn in _TURNS)))
+WAVES = wp.constant(
     Waves(*((2.0 if m else 1.0) * math.cos(m * turn) / N_SAMPLE for m in range(N_SAMPLE) for turn in _TURNS))
 )
 _positive_moments = positive_moments_of(N_SAMPLE)
@@ -53,11 +53,11 @@ def _side_integral(
     apart = view[0] * nadir[0] + view[1] * nadir[1]  # cosine of the angle between their azimuths
     apart = apart / wp.max(across * level, wp.float64(1.0e-30))
     moments = _positive_moments(body.side_along * view[2], body.side_across * across)
-    weight = _WAVES[0] * moments[0]
+    weight = WAVES[0] * moments[0]
     wave = apart  # cos(m apart)
     last = wp.float64(1.0)
     for m in range(1, wp.static(N_SAMPLE)):
-        weight += _WAVES[m] * (moments[m] * wave)
+        weight += WAVES[m] * (moments[m] * wave)
         following = wp.float64(2.0) * apart * wave - last
         last = wave
         wave = following
@@ -65,7 +65,7 @@ def _side_integral(
     swing = body.side_across * level
     total = wp.float64(0.0)
     for j in range(wp.static(N_SAMPLE)):
-        total += weight[j] * received(table, ELEMENT, height, cosine + swing * _COSINES[j])
+        total += weight[j] * received(table, ELEMENT, height, cosine + swing * COSINES[j])
     return total
 
 

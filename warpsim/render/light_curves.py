@@ -141,7 +141,7 @@ def light_curves(
     """
     scenario = scenario_of(scene)
     instrument, sensor_list, band_list = checked_names(scenario, sensors, bands)
-    times = _checked_times(scenario, instrument, time_s)
+    times = checked_times(scenario, instrument, time_s)
     target_list = chosen_names("targets", targets, scenario.target_names)
     bodies = make_device_bodies(scenario, instrument, band_list, default_device(device))
     n_worker = worker_count(bodies.device, n_thread)
@@ -206,7 +206,8 @@ def _observed(bodies: DeviceBodies, times: F64, rows: list[int], n_worker: int) 
     return observations, to_numpy(terms).reshape(N_TERM, *shape, bodies.n_band, bodies.n_target)
 
 
-def _checked_times(scenario: Scenario, instrument: Instrument, time_s: npt.ArrayLike | None) -> F64:
+def checked_times(scenario: Scenario, instrument: Instrument, time_s: npt.ArrayLike | None) -> F64:
+    """Return times within the scene, those of its frames for None; InputError for others."""
     if time_s is None:
         return instrument.frame_time_s(np.arange(instrument.frames.count))
     times, duration_s = times_s(time_s), scenario.scene.duration_s

@@ -104,7 +104,7 @@ def make_target_field(
         [body_struct(part, first) for part, first in list(zip(parts, facets.first, strict=True))[len(targets) :]],
         dtype=Body, device=device,
     )  # fmt: skip
-    bodies.surfaces = _surfaces(own, spectral, lighting, own_bands, device)
+    bodies.surfaces = surfaces_struct(own, spectral, lighting, own_bands, device)
     first_patch = len(targets) + np.cumsum([0, *map(len, patches)])
     bodies.surfaces.first_patch = wp.array(first_patch, dtype=wp.int32, device=device)
     bodies.radiance = make_radiance(own_bands, span_k, device, spectral)
@@ -167,7 +167,7 @@ def _surroundings(tracks: Tracks, features: Features, device: wp.Device) -> Any:
     return surroundings
 
 
-def _surfaces(
+def surfaces_struct(
     own: Sequence[Graybody],
     spectral: Sequence[Graybody],
     lighting: Lighting,

@@ -1,0 +1,267 @@
+"""Fit of targets' parameters to their light curves: a scan of rates and phases, then Levenberg and Marquardt's method.
+
+Several targets, sensors and kinds of sensors are fitted at once: parameters of one target are shared by its curves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.arguments import finite_number, plain_array, whole_number
+from warpsim.errors import InputError
+from warpsim.render.information import Information, information_of
+from warpsim.render.light_curve import LightCurve, checked_sigma
+
+F64 = npt.NDArray[np.float64]
+
+RATE_STEP_REV = 0.125
+"""Turns over the span of the data between neighbouring rates of a scan."""
+
+N_PHASE = 16
+"""Phases that a scan tries with each rate."""
+
+MOST_SETS = 2_000_000
+"""Sets of parameters that a scan may try."""
+
+_SETS_AT_ONCE = 1024
+_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters of targets that light curves determine."""
+
+    names: list[str]
+    """Parameters, as in `cone.precession_rev_s`: those of the curves, behind the name of the target."""
+    values: F64
+    """Estimates, (n_param,); phases from 0 to 1."""
+    information: Information
+    """What the data say about them, by the stated errors."""
+    chi_square: float
+    """Sum of squared residuals over the stated errors; about n_freedom where these and the model are right."""
+    n_freedom: int
+    """Numbers measured less parameters."""
+    converged: bool
+    """Whether the search ended at a minimum."""
+
+    @property
+    def degenerate(self) -> str:
+        """A line that names the combination of parameters that the data do not determine; empty where they do."""
+        return self.information.degenerate
+
+    @property
+    def covariance(self) -> F64:
+        """Covariance of the estimates, (n_param, n_param); InputError where they are degenerate."""
+        return self.information.covariance
+
+    @property
+    def sigma(self) -> dict[str, float]:
+        """Standard deviation of each estimate; InputError where they are degenerate."""
+        return self.information.sigma
+
+    def __getitem__(self, name: str) -> float:
+        if name not in self.names:
+            raise InputError(f"must be among {', '.join(self.names)}", "name", name)
+        return float(self.values[self.names.index(name)])
+
+
+@dataclass(frozen=True)
+class _Data:
+    """One curve with its data; NaN is not measured."""
+
+    curve: LightCurve
+    light: F64
+    """Measured values, (n,)."""
+    sigma: F64
+    chosen: npt.NDArray[np.bool_]
+    """Which of the curve's numbers are measured, its shape."""
+    columns: list[int]
+    """Of the curve's parameters among all."""
+
+    def residuals(self, values: F64) -> F64:
+        return np.asarray((self.curve(values[self.columns])[self.chosen] - self.light) / self.sigma)
+
+    def weighted_slopes(self, values: F64) -> F64:
+        """Jacobian over the errors, (n, n_param of all)."""
+        out = np.zeros((len(self.light), len(values)))
+        slopes = self.curve.jacobian(values[self.columns])[self.chosen]
+        out[:, self.columns] = slopes / self.sigma[:, None]
+        return out
+
+
+def fit(
+    data: Sequence[tuple[LightCurve, npt.ArrayLike, npt.ArrayLike | None]],
+    start: Mapping[str, float] | None = None,
+    scan: Mapping[str, Any] | None = None,
+    n_start: int = 4,
+) -> Fit:
+    """Fit parameters of targets to light curves, by least squares over stated errors.
+
+    Args:
+        data: Light curves with the irradiance measured [W/cm2], of the curve's shape (n_time, n_sensor, n_band), NaN
+            where nothing was measured, and its error, of a shape that broadcasts; None is the detector's.
+        start: Values to begin with, by names as in `cone.precession_rev_s`; the scene's own when left out.
+        scan: Values to try, by name: a list, or for a rate [rev/s] a pair (lowest, highest), between which steps are an
+            eighth of a turn over the span of the data; phases of scanned rates are tried too. All combinations of a
+            target's are compared with its data, whatever the brightness.
+        n_start: How many of the best combinations the fit is begun with; the best of what it finds is returned.
+
+    Raises:
+        InputError: Data do not fit their curve, fewer than parameters, an unknown name, a value out of bounds, or a
+            scan of too many combinations.
+    """
+    from scipy.optimize import least_squares
+
+    names, bounds, rows = _rows(data)
+    for what, given in (("start", start), ("scan", scan)):
+        if not isinstance(given, Mapping | None):
+            raise InputError("must be values by name", what, given)
+        for name in given or {}:
+            if name not in names:
+                raise InputError(f"must name parameters among {', '.join(names)}", what, name)
+    values = _start(names, bounds, rows, start or {})
+    starts = _scanned(names, rows, values, scan, whole_number("n_start", n_start, 1)) if scan else [values]
+
+    def residuals(x: F64) -> F64:
+        return np.concatenate([row.residuals(x) for row in rows])
+
+    def slopes(x: F64) -> F64:
+        return np.concatenate([row.weighted_slopes(x) for row in rows])
+
+    best: Any = None
+    for first in starts:
+        inside = np.clip(first, *bounds.T)
+        found = least_squares(
+            residuals, inside, slopes, bounds=bounds.T, x_scale="jac", xtol=_TOLERANCE, ftol=_TOLERANCE, gtol=None
+        )
+        if best is None or found.cost < best.cost:
+            best = found
+    known = information_of(names, best.jac)
+    found_at = np.where([name.endswith("_phase_rev") for name in names], best.x % 1.0, best.x)
+    n_freedom = len(best.fun) - len(names)
+    return Fit(names, found_at, known, float(2 * best.cost), n_freedom, bool(best.success))
+
+
+def _rows(data: Sequence[Any]) -> tuple[list[str], F64, list[_Data]]:
+    """Names of all parameters, their bounds, and the data of each curve."""
+    if not isinstance(data, Sequence) or not data:
+        raise InputError("must hold at least one light curve", "data")
+    bounds: dict[str, F64] = {}
+    for number, item in enumerate(data):
+        if not (isinstance(item, tuple | list) and len(item) == 3 and isinstance(item[0], LightCurve)):
+            raise InputError("must be (LightCurve, irradiance_w_cm2, sigma_w_cm2)", f"data[{number}]")
+        curve = item[0]
+        for name, pair in zip(curve.parameters, curve.bounds, strict=True):
+            own = f"{curve.target}.{name}"
+            low, high = bounds.get(own, pair)
+            bounds[own] = np.array([max(low, pair[0]), min(high, pair[1])])
+    names = list(bounds)
+    rows = [_checked(number, item, names) for number, item in enumerate(data)]
+    n_measured = sum(len(row.light) for row in rows)
+    if n_measured < len(names):
+        raise InputError(f"must hold at least {len(names)} numbers, one for each parameter", "data", n_measured)
+    return names, np.array(list(bounds.values())), rows
+
+
+def _checked(number: int, item: Any, names: list[str]) -> _Data:
+    curve, light, sigma = item
+    measured = plain_array(light, "W / cm2", f"data[{number}]")
+    shape = (len(curve.time_s), len(curve.sensors), len(curve.bands))
+    if measured.shape != shape:
+        raise InputError(f"must have the shape of its curve, {shape}", f"data[{number}]", measured.shape)
+    chosen = np.isfinite(measured)
+    errors = checked_sigma(curve.sigma_w_cm2(np.nan_to_num(measured)) if sigma is None else sigma, shape)
+    columns = [names.index(f"{curve.target}.{name}") for name in curve.parameters]
+    return _Data(curve, measured[chosen], errors[chosen], chosen, columns)
+
+
+def _start(names: list[str], bounds: F64, rows: list[_Data], given: Mapping[str, float]) -> F64:
+    """Values to begin with, (n_param,)."""
+    values = np.zeros(len(names))
+    for row in rows:
+        values[row.columns] = row.curve.values
+    for name, value in given.items():
+        values[names.index(name)] = finite_number(f"start[{name!r}]", value)
+    for name, value, (low, high) in zip(names, values, bounds, strict=True):
+        if not low <= value <= high:
+            raise InputError(f"{name} must be from {low:g} to {high:g}", "start", value, "g")
+    return values
+
+
+def _scanned(names: list[str], rows: list[_Data], values: F64, scan: Mapping[str, Any], n_start: int) -> list[F64]:
+    """Best starts of a scan, which takes each target for itself."""
+    starts = [values] * n_start
+    for target in dict.fromkeys(row.curve.target for row in rows):
+        own = [row for row in rows if row.curve.target == target]
+        columns = own[0].columns
+        wanted = {name: scan[name] for name in names if name in scan and name.rpartition(".")[0] == target}
+        if not wanted:
+            continue
+        axes = _axes(names, own, wanted)
+        best = _best_of_grid(own, columns, values, names, axes, n_start)
+        starts = [_joined(start, better) for start, better in zip(starts, best, strict=True)]
+    return starts
+
+
+def _joined(values: F64, changed: dict[int, float]) -> F64:
+    out = values.copy()
+    out[list(changed)] = list(changed.values())
+    return out
+
+
+def _axes(names: list[str], rows: list[_Data], wanted: dict[str, Any]) -> dict[str, F64]:
+    """Values to try of each parameter: those given, steps between two rates, phases of such rates."""
+    span_s = max(row.curve.time_s.max() for row in rows) - min(row.curve.time_s.min() for row in rows)
+    axes: dict[str, F64] = {}
+    for name, given in wanted.items():
+        if name.endswith("_rev_s") and isinstance(given, tuple) and len(given) == 2:
+            low, high = (finite_number(f"scan[{name!r}]", rate) for rate in given)
+            n_step = int(np.ceil(abs(high - low) * max(span_s, 1e-9) / RATE_STEP_REV))
+            axes[name] = np.linspace(low, high, n_step + 1)
+            phase = name.removesuffix("_rev_s") + "_phase_rev"
+            if phase in names and phase not in wanted:
+                axes[phase] = np.arange(N_PHASE) / N_PHASE
+        else:
+            axes[name] = np.atleast_1d(plain_array(given, "", f"scan[{name!r}]"))
+            if axes[name].ndim != 1 or not axes[name].size:
+                raise InputError("must be a list of values", f"scan[{name!r}]", given)
+    n_set = int(np.prod([len(axis) for axis in axes.values()], dtype=np.float64))
+    if n_set > MOST_SETS:
+        raise InputError(f"has {n_set:.3g} combinations, more than {MOST_SETS:.3g}", "scan")
+    return axes
+
+
+def _best_of_grid(
+    rows: list[_Data], columns: list[int], values: F64, names: list[str], axes: dict[str, F64], n_start: int
+) -> list[dict[int, float]]:
+    """Return the best combinations that are not neighbours, by the column of each parameter."""
+    grid = np.stack([axis.ravel() for axis in np.meshgrid(*axes.values(), indexing="ij")], axis=-1)
+    index = np.stack(np.unravel_index(np.arange(len(grid)), [len(axis) for axis in axes.values()]), axis=-1)
+    scanned = [names.index(name) for name in axes]
+    misfit = np.empty(len(grid))
+    for first in range(0, len(grid), _SETS_AT_ONCE):
+        some = grid[first : first + _SETS_AT_ONCE]
+        sets = np.repeat(values[None], len(some), axis=0)
+        sets[:, scanned] = some
+        misfit[first : first + len(some)] = _misfit(rows, sets)
+    found: list[dict[int, float]] = []
+    for _ in range(n_start):
+        best = int(np.argmin(misfit))
+        found.append(dict(zip(scanned, grid[best].tolist(), strict=True)))
+        misfit[(np.abs(index - index[best]) <= 1).all(axis=1)] = np.inf
+    return found
+
+
+def _misfit(rows: list[_Data], sets: F64) -> F64:
+    """Chi square of each set with the brightness that fits best, less that without light; (n_set,)."""
+    with_data, squared = np.zeros(len(sets)), np.zeros(len(sets))
+    for row in rows:
+        model = row.curve(sets[:, row.columns])[:, row.chosen] / row.sigma
+        with_data += model @ (row.light / row.sigma)
+        squared += np.einsum("sn,sn->s", model, model)
+    return np.asarray(-(np.maximum(with_data, 0.0) ** 2) / np.maximum(squared, 1e-300))
