@@ -18,6 +18,7 @@ from warpsim_kernels.motion import Attitude, axes_before_spin, spun
 from warpsim_kernels.shapes import Body, body_projected_area_m2, body_reflected_area_m2
 from warpsim_kernels.signature import ALBEDO, EARTH, EMITTED, N_TERM, SUN, Exposure, Features, Tables
 from warpsim_kernels.timed_tables import table_quaternion, turned_axes
+from warpsim_kernels.torque_free import torque_free_axes
 
 _ZERO = wp.constant(wp.float64(0.0))
 _ONE = wp.constant(wp.float64(1.0))
@@ -57,10 +58,12 @@ class CurveScene:
     tables: Tables
     table_first: int  # row of the attitude tables where the target's begins
     table_count: int  # its rows; 0: the attitude says how it turns
+    nutation_count: int  # rows of its nutation, where it turns freely
+    patches: wp.array[Body]  # (n_patch,) facets of its patches
     phase_s: wp.float64  # time at which phases of motions count
     exposure: Exposure
     infrared_table: wp.array3d[wp.vec4d]
-    surfaces: Surfaces  # of reflectance 1 where the surface has one number in each band; one target
+    surfaces: Surfaces  # of the target, with reflectance 1 where that has one number in each band; its patches' behind
     radiance: RadianceTable
 
 
@@ -74,6 +77,8 @@ def axes_before_of(features: Features) -> wp.Function:
         if wp.static(features.attitude_tables):
             first, count = scene.table_first, scene.table_count
             return turned_axes(table_quaternion(scene.tables.attitudes, first, count, time_s))
+        if wp.static(features.torque_free):
+            return torque_free_axes(one.attitude, scene.tables.nutations, 0, scene.nutation_count, time_s)
         return axes_before_spin(one.attitude, time_s - scene.phase_s)
 
     return axes_before
@@ -86,8 +91,9 @@ def axes_after_of(features: Features) -> wp.Function:
     @wp.func
     def axes_after(before: wp.mat33d, one: CurveSet, scene: CurveScene, time_s: wp.float64) -> wp.mat33d:
         """Axes of the body as rows, ICRS axes."""
-        if wp.static(features.meshes and not features.attitude_tables):
-            return spun(before, one.attitude, time_s - scene.phase_s)
+        if wp.static(features.meshes and not (features.attitude_tables or features.torque_free)):
+            if one.body.n_facet > 0:
+                return spun(before, one.attitude, time_s - scene.phase_s)
         return before
 
     return axes_after
@@ -98,6 +104,27 @@ def per_intensity(one: CurveSet, seen: CurveView) -> wp.float64:
     """W/cm2 at the pupil for each W/sr, of a body of scale 1 that is `scale` times as large."""
     distance_m = wp.max(seen.range_m + one.range_offset_m, _ONE)
     return seen.visible * _W_CM2_PER_W_M2 / (distance_m * distance_m) * (one.scale * one.scale)
+
+
+@wp.func
+def with_body(one: CurveSet, body: Body) -> CurveSet:
+    """A set with another body."""
+    result = one
+    result.body = body
+    return result
+
+
+@wp.func
+def patch_weights(scene: CurveScene, kelvin: wp.float64, band: int, patch: int) -> wp.vec4d:
+    """As `weights_of`, of a patch, whose surface is that of the scene."""
+    column = patch + 1
+    weights = wp.vec4d()
+    radiance = band_radiance_w_m2_sr(scene.radiance, radiance_row(scene, band, column), kelvin)
+    weights[EMITTED] = scene.surfaces.emissivity[band, column] * radiance
+    weights[SUN] = scene.surfaces.sun_w_m2_sr[band, column]
+    weights[EARTH] = scene.surfaces.earth_w_m2_sr[band, column]
+    weights[ALBEDO] = scene.surfaces.albedo_w_m2_sr2[band, column]
+    return weights
 
 
 @wp.func
@@ -112,11 +139,11 @@ def weights_of(scene: CurveScene, radiance_w_m2_sr: wp.float64, optics: wp.vec2d
 
 
 @wp.func
-def radiance_row(scene: CurveScene, band: int) -> int:
-    """Row of the radiance table."""
+def radiance_row(scene: CurveScene, band: int, column: int) -> int:
+    """Row of the radiance table for the target, column 0, or a patch."""
     row = band
     if scene.surfaces.radiance_row.shape[0] > 0:
-        row = scene.surfaces.radiance_row[band, 0]
+        row = scene.surfaces.radiance_row[band, column]
     return row
 
 
@@ -183,9 +210,16 @@ def make_light_curve_kernel(features: Features) -> wp.Kernel:
                 areas = areas_m2(one, scene, harmonics, seen, view)
                 kelvin = curve_kelvin(one, seen)
                 for band in range(irradiance_w_cm2.shape[2]):
-                    radiance = band_radiance_w_m2_sr(scene.radiance, radiance_row(scene, band), kelvin)
+                    radiance = band_radiance_w_m2_sr(scene.radiance, radiance_row(scene, band, 0), kelvin)
                     weights = weights_of(scene, radiance, optics[number, band], band)
                     irradiance_w_cm2[number, view, band] = factor * wp.dot(weights, areas)
+                for patch in range(scene.patches.shape[0]):
+                    areas = areas_m2(with_body(one, scene.patches[patch]), scene, harmonics, seen, view)
+                    for band in range(irradiance_w_cm2.shape[2]):
+                        radiance = band_radiance_w_m2_sr(scene.radiance, radiance_row(scene, band, 0), kelvin)
+                        weights = patch_weights(scene, kelvin, band, patch)
+                        weights -= weights_of(scene, radiance, optics[number, band], band)
+                        irradiance_w_cm2[number, view, band] += factor * wp.dot(weights, areas)
             else:
                 for band in range(irradiance_w_cm2.shape[2]):
                     irradiance_w_cm2[number, view, band] = _ZERO
@@ -320,6 +354,46 @@ class BandSlopes:
 
 
 @wp.func
+def target_slopes(
+    scene: CurveScene, kelvin: wp.float64, optics: wp.vec2d, band: int, terms: TermSlopes, factor: wp.float64
+) -> BandSlopes:
+    """Light by areas of the target's own surface."""
+    radiance = band_radiance_slope(scene.radiance, radiance_row(scene, band, 0), kelvin)
+    weights = weights_of(scene, radiance[0], optics, band) * factor
+    slopes = BandSlopes()
+    slopes.light = wp.dot(weights, terms.area_m2)
+    slopes.rotation = weights * terms.rotation
+    slopes.shape = weights * terms.shape
+    slopes.by_kelvin = factor * optics[0] * radiance[1] * terms.area_m2[EMITTED]
+    unit = weights_of(scene, radiance[0], wp.vec2d(_ONE, -_ONE), band) * factor
+    slopes.by_emissivity = wp.dot(unit, terms.area_m2)
+    return slopes
+
+
+@wp.func
+def patch_slopes(
+    scene: CurveScene,
+    kelvin: wp.float64,
+    optics: wp.vec2d,
+    band: int,
+    patch: int,
+    terms: TermSlopes,
+    factor: wp.float64,
+) -> BandSlopes:
+    """Light of a patch less that of the target's own surface below it."""
+    below = target_slopes(scene, kelvin, optics, band, terms, factor)
+    weights = patch_weights(scene, kelvin, band, patch) * factor
+    rise = band_radiance_slope(scene.radiance, radiance_row(scene, band, patch + 1), kelvin)[1]
+    own_kelvin = factor * scene.surfaces.emissivity[band, patch + 1] * rise * terms.area_m2[EMITTED]
+    slopes = BandSlopes()
+    slopes.light = wp.dot(weights, terms.area_m2) - below.light
+    slopes.rotation = weights * terms.rotation - below.rotation
+    slopes.by_kelvin = own_kelvin - below.by_kelvin
+    slopes.by_emissivity = -below.by_emissivity
+    return slopes
+
+
+@wp.func
 def column_slope(
     columns: Columns, number: int, column: int, one: CurveSet, seen: CurveView, band: int, slopes: BandSlopes
 ) -> wp.float64:
@@ -374,18 +448,18 @@ def make_light_curve_slopes_kernel(features: Features) -> wp.Kernel:
                 terms = term_slopes(one, scene, harmonics, seen, view)
             kelvin = curve_kelvin(one, seen)
             for band in range(irradiance_w_cm2.shape[2]):
-                radiance = band_radiance_slope(scene.radiance, radiance_row(scene, band), kelvin)
-                surface = optics[number, band]
-                weights = weights_of(scene, radiance[0], surface, band) * factor
-                unit = weights_of(scene, radiance[0], wp.vec2d(_ONE, -_ONE), band) * factor
-                slopes = BandSlopes()
-                slopes.light = wp.dot(weights, terms.area_m2)
-                slopes.rotation = weights * terms.rotation
-                slopes.shape = weights * terms.shape
-                slopes.by_kelvin = factor * surface[0] * radiance[1] * terms.area_m2[EMITTED]
-                slopes.by_emissivity = wp.dot(unit, terms.area_m2)
+                slopes = target_slopes(scene, kelvin, optics[number, band], band, terms, factor)
                 irradiance_w_cm2[number, view, band] = slopes.light
                 for column in range(slope.shape[3]):
                     slope[number, view, band, column] = column_slope(columns, number, column, one, seen, band, slopes)
+            if factor > _ZERO:
+                for patch in range(scene.patches.shape[0]):
+                    terms = term_slopes(with_body(one, scene.patches[patch]), scene, harmonics, seen, view)
+                    for band in range(irradiance_w_cm2.shape[2]):
+                        slopes = patch_slopes(scene, kelvin, optics[number, band], band, patch, terms, factor)
+                        irradiance_w_cm2[number, view, band] += slopes.light
+                        for column in range(slope.shape[3]):
+                            change = column_slope(columns, number, column, one, seen, band, slopes)
+                            slope[number, view, band, column] += change
 
     return light_curve_slopes_kernel

@@ -59,6 +59,7 @@ class CurveTarget:
     """Shortest range of the curve."""
     phase_s: float
     """Time at which phases count."""
+    has_patches: bool
 
     @cached_property
     def reasons(self) -> dict[str, str]:
@@ -67,13 +68,15 @@ class CurveTarget:
         found = dict.fromkeys(_ATTITUDE, "")
         if not isinstance(self.attitude, BodyMotion):
             found = dict.fromkeys(_ATTITUDE, "the attitude is no motion of spin, precession and rolling")
-        elif shape == "sphere":
+        elif shape == "sphere" and not self.has_patches:
             found = dict.fromkeys(_ATTITUDE, "a sphere looks the same from all sides")
-        elif not has_facets(self.shape):
+        elif not (has_facets(self.shape) or self.has_patches):
             found |= dict.fromkeys(("spin_rev_s", "spin_phase_rev"), f"a {shape} looks the same however it spins")
         found["scale"] = ""
         for name in _LENGTHS:
             found[name] = "" if hasattr(self.shape, name) and not has_facets(self.shape) else f"a {shape} has none"
+            if not found[name] and self.has_patches:
+                found[name] = "patches keep the size that they have in the scene"
         linear = isinstance(self.temperature, Temperature)
         for name in _TEMPERATURE:
             of_linear = name != "temperature_offset_k"

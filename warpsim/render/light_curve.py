@@ -20,6 +20,7 @@ from warpsim_kernels.light_curve import (
     make_light_curve_slopes_kernel,
 )
 from warpsim_kernels.records import View
+from warpsim_kernels.shapes import Body
 from warpsim_kernels.signature import Features, Tables
 
 from warpsim.arguments import chosen_names, finite_number, whole_number
@@ -38,6 +39,7 @@ from warpsim.render.stages import aim
 from warpsim.render.target_field import (
     LN_TEMPERATURE_STEP,
     make_attitudes,
+    make_nutations,
     make_radiance,
     surfaces_struct,
 )
@@ -45,11 +47,11 @@ from warpsim.scene.attitudes import within_scene
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 from warpsim.streams import uniforms
-from warpsim.target.areas import facets_of, has_facets
-from warpsim.target.attitude import BodyMotion
-from warpsim.target.attitude_table import AttitudeRows
+from warpsim.target.areas import body_struct, facets_of, has_facets
+from warpsim.target.patches import patch_areas
 from warpsim.target.surface import Graybody
 from warpsim.target.temperature import Temperature
+from warpsim.target.torque_free import TorqueFreeMotion
 
 F64 = npt.NDArray[np.float64]
 
@@ -104,8 +106,6 @@ class LightCurve:
         self.time_s: F64 = checked_times(scenario, self.instrument, time_s)
         number = scenario.target_names.index(self.target)
         attitude, spec = scenario.attitudes[number], scenario.targets[number].spec
-        if not isinstance(attitude, BodyMotion | AttitudeRows) or getattr(spec, "patches", None):
-            raise InputError("light curves know bodies of one surface, which turn by a motion or a table", self.target)
         self._device = default_device(device)
         self._n_worker = worker_count(self._device, n_thread)
         bodies = make_device_bodies(scenario, self.instrument, self.bands, self._device)
@@ -119,7 +119,7 @@ class LightCurve:
         self.phase_time_s = finite_number("phase_time_s", phase_time_s)
         own = CurveTarget(
             spec.shape, attitude, spec.surface, spec.temperature, self.bands, kelvin, nearest_m,
-            self.phase_time_s,
+            self.phase_time_s, bool(spec.patches),
         )  # fmt: skip
         self._sets = ParameterSets(own, own.chosen(parameters))
         self.parameters = self._sets.names
@@ -168,17 +168,25 @@ class LightCurve:
         scenario, device, field = self.scenario, self._device, bodies.field.bodies
         target, bands = scenario.targets[number], [self.instrument.bands[name] for name in self.bands]
         # Where the surface has one number in each band, those of the sets are parts of reflectance 1.
-        spectral = [target.spec.surface] if target.spec.surface.is_spectral else []
+        surfaces = target.spec.surfaces
+        spectral = list(dict.fromkeys(surface for surface in surfaces if surface.is_spectral))
+        own = target.spec.surface if target.spec.surface.is_spectral else Graybody(1.0)
+        patches = patch_areas(target.spec.shape, target.spec.patches)
+        facets = facets_of([target.spec.shape, *patches], device)
         attitudes, spans = make_attitudes([scenario.attitudes[number]], device)
         scene: Any = CurveScene()
         tables: Any = Tables()
-        tables.attitudes, tables.facets = attitudes, facets_of([target.spec.shape], device).facets
+        tables.attitudes, tables.facets = attitudes, facets.facets
+        tables.nutations, nutations = make_nutations([scenario.attitudes[number]], device)
+        scene.nutation_count = nutations[0][1]
+        structs = [body_struct(patch, first) for patch, first in zip(patches, facets.first[1:], strict=True)]
+        scene.patches = wp.array(structs, dtype=Body, device=device)
         tables.temperatures = field.tables.temperatures
         scene.views, scene.tables, scene.exposure = self._views, tables, field.exposure
         scene.table_first, scene.table_count = spans[0]
         scene.phase_s = self.phase_time_s
         scene.infrared_table = field.surroundings.infrared_table
-        scene.surfaces = surfaces_struct(spectral or [Graybody(1.0)], spectral, scenario.scene.lighting, bands, device)
+        scene.surfaces = surfaces_struct([own, *surfaces[1:]], spectral, scenario.scene.lighting, bands, device)
         scene.radiance = make_radiance(bands, kelvin, device, spectral)
         return scene
 
@@ -310,8 +318,10 @@ def _features(bodies: DeviceBodies, scenario: Scenario, number: int) -> Features
     spec, attitude = scenario.targets[number].spec, scenario.attitudes[number]
     return bodies.field.features._replace(
         attitude_tables=hasattr(attitude, "time_s"),
-        meshes=has_facets(spec.shape),
-        spectral=spec.surface.is_spectral,
+        torque_free=isinstance(attitude, TorqueFreeMotion),
+        meshes=has_facets(spec.shape) or bool(spec.patches),
+        patches=bool(spec.patches),
+        spectral=any(surface.is_spectral for surface in spec.surfaces),
         profile=False,
         distortion=False,
         rolling=False,
