@@ -370,10 +370,11 @@ def test_host_axes_are_the_devices(scene, device, pointing):
 def world_with(scene, device, change):
     """A world whose bodies' positions and velocities are changed in place."""
     world = device_scene(scene.replace(camera=SMALL, sky__catalog="none"), ["A"], device)
-    arrays = [np.array(array.numpy()) for array in (world.tracks.position_m, world.tracks.velocity_m_s)]
+    nodes, n_body = world.tracks.nodes, len(world.tracks.nodes.bodies)
+    arrays = [array.numpy().reshape(n_body, -1, 3).copy() for array in (nodes.position_m, nodes.velocity_m_s)]
     change(*arrays, world.tracks.first_target)
-    for array, values in zip((world.tracks.position_m, world.tracks.velocity_m_s), arrays, strict=True):
-        array.assign(values)
+    for array, values in zip((nodes.position_m, nodes.velocity_m_s), arrays, strict=True):
+        array.assign(values.reshape(-1, 3))
     return world
 
 

@@ -71,7 +71,7 @@ def make_curve_views_kernel(features: Features) -> wp.Kernel:
         view = wp.tid()
         camera_at = views[view]
         earth_m_s = linear_vector(tracks.earth_velocity_m_s, time_s[view], tracks.grid)
-        observer = observer_of(time_s[view], tracks.grid, camera_at.position_m, earth_m_s, camera_at.velocity_m_s)
+        observer = observer_of(time_s[view], camera_at.position_m, earth_m_s, camera_at.velocity_m_s)
         path = path_from_target(tracks, tracks.first_target + chosen.number, observer)
         place_m = observer.position_m + path.vector_m
         sun_m = linear_vector(bodies.surroundings.sun_m, time_s[view], tracks.grid)

@@ -95,7 +95,8 @@ class HostColumns:
     @cached_property
     def observations(self) -> npt.NDArray[Any]:
         """Observation records by name of field, (n_view, n_target)."""
-        return to_numpy(self.columns.observations)[:, : self.columns.irradiance_w_cm2.shape[-1]]
+        columns = self.columns
+        return to_numpy(columns.observations)[:, : columns.irradiance_w_cm2.shape[-1]]
 
     @cached_property
     def irradiance_w_cm2(self) -> npt.NDArray[np.float32]:
