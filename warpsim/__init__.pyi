@@ -43,6 +43,12 @@ from warpsim.measure.triangulation import triangulate as triangulate
 from warpsim.measure.earth_fixed import earth_fixed as earth_fixed
 from warpsim.measure.triangulation import Triangulation as Triangulation
 
+# image_gradients
+from warpsim.render.deposit_gradient import deposit_gradient as deposit_gradient
+from warpsim.render.deposit_gradient import deposit_jacobian as deposit_jacobian
+from warpsim.render.deposit_gradient import DepositGradient as DepositGradient
+from warpsim.render.point_images import JacobianStamps as JacobianStamps
+
 # orbits
 from warpsim.orbit.walker import Walker as Walker
 from warpsim.orbit.constellations import SeedPattern as SeedPattern
