@@ -44,6 +44,7 @@ from warpsim.measure.earth_fixed import earth_fixed as earth_fixed
 from warpsim.measure.triangulation import Triangulation as Triangulation
 
 # image_gradients
+from warpsim.render.gradients import gradients as gradients
 from warpsim.render.deposit_gradient import deposit_gradient as deposit_gradient
 from warpsim.render.deposit_gradient import deposit_jacobian as deposit_jacobian
 from warpsim.render.deposit_gradient import DepositGradient as DepositGradient

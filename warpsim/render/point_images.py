@@ -123,6 +123,11 @@ class PointImages:
         """Where the sources are."""
         return self.sources[1].device
 
+    @property
+    def xy_px(self) -> F64:
+        """Positions on the host, (n_view, n_slot, 2)."""
+        return np.asarray(to_numpy(self.sources[1]).reshape(*self.sources[1].shape, 2))
+
     def draw(self) -> wp.array:
         """Return the images, float32, (n_view, n_band, n_row, n_col)."""
         images = wp.zeros((*self.sources[2].shape[:2], *self.shape), dtype=wp.float32, device=self.device)
@@ -180,7 +185,7 @@ class PointImages:
 
     def _windows(self) -> Ints:
         """Pixels that each stamp may touch, (n_view, n_band, n_slot, 4): first and end of columns, then of rows."""
-        xy_px, light = to_numpy(self.sources[1]).reshape(*self.sources[1].shape, 2), to_numpy(self.sources[2])
+        light = to_numpy(self.sources[2])
         n_view, n_band, n_slot = light.shape
         half_px = wp.empty((n_band, n_view * n_slot), dtype=wp.int32, device=self.device)
         by_band = np.ascontiguousarray(light.swapaxes(0, 1).reshape(n_band, -1))
@@ -192,7 +197,7 @@ class PointImages:
             moves = to_numpy(self.paths.offset_px).reshape(*self.paths.offset_px.shape, 2)
             margin_px = margin_px + np.abs(moves).sum(axis=2, dtype=np.float64)[:, None]
         size = np.array(self.shape[::-1])
-        middle = np.nan_to_num(xy_px, nan=-1e9)[:, None]
+        middle = np.nan_to_num(self.xy_px, nan=-1e9)[:, None]
         low = np.clip(np.ceil(middle - margin_px - 0.5), 0, size).astype(np.int64)
         high = np.clip(np.floor(middle + margin_px + 0.5) + 1, low, size).astype(np.int64)
         return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=-1)
