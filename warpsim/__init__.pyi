@@ -45,6 +45,10 @@ from warpsim.measure.triangulation import Triangulation as Triangulation
 
 # image_gradients
 from warpsim.render.gradients import gradients as gradients
+from warpsim.render.likelihood import log_likelihood as log_likelihood
+from warpsim.render.likelihood import LogLikelihood as LogLikelihood
+from warpsim.render.fisher import fisher as fisher
+from warpsim.render.fisher import Fisher as Fisher
 from warpsim.render.deposit_gradient import deposit_gradient as deposit_gradient
 from warpsim.render.deposit_gradient import deposit_jacobian as deposit_jacobian
 from warpsim.render.deposit_gradient import DepositGradient as DepositGradient

@@ -9,12 +9,14 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.optics.psf import PsfGaussian
+from warpsim.render.deposit_gradient import checked_cotangent
 from warpsim.render.frameset import FrameSet
 from warpsim.render.point_images import F64, Gathered
 from warpsim.render.view_sources import camera_slopes, position_slopes
 
 PARAMETERS = (
-    "x_px", "y_px", "irradiance_w_cm2", "path_px", "sigma_px", "boresight_rad", "roll_rad", "target_position_m", "range_m",
+    "x_px", "y_px", "irradiance_w_cm2", "path_px", "sigma_px", "boresight_rad", "roll_rad",
+    "target_position_m", "range_m",
 )  # fmt: skip
 """What images can be differentiated by."""
 
@@ -69,8 +71,6 @@ def gradients(
     with_stars = any(name in OF_STARS for name in names)
     if "sigma_px" in names and not all(isinstance(frames.instrument.psf(band), PsfGaussian) for band in frames.bands):
         raise InputError("only Gaussian point spread functions have one", "wrt", "sigma_px")
-    from warpsim.render.deposit_gradient import checked_cotangent
-
     values = checked_cotangent(cotangent, frames.counts.shape).reshape(-1, n_band, n_row, n_col)
     images = frames.point_images("gradients", with_stars)
     found = images.gathered(values, "sigma_px" in names)
@@ -82,15 +82,15 @@ def _by(name: str, frames: FrameSet, found: Gathered, shape: tuple[int, int]) ->
     n_target = len(frames.scenario.target_names)
     by_xy = found.by_xy.sum(axis=1)  # all bands see a source at one position
     if name in ("x_px", "y_px"):
-        return by_xy[:, :n_target, ("x_px", "y_px").index(name)].reshape(*shape, n_target)
+        return np.asarray(by_xy[:, :n_target, ("x_px", "y_px").index(name)].reshape(*shape, n_target))
     if name == "irradiance_w_cm2":
         lit = np.where(frames.target_light.irradiance_w_cm2 != 0.0, found.by_light[..., :n_target], 0.0)
-        return lit.reshape(*shape, -1, n_target)
+        return np.asarray(lit.reshape(*shape, -1, n_target))
     if name == "path_px":
         by_path = found.by_path.sum(axis=1)[:, :n_target]
-        return by_path.reshape(*shape, *by_path.shape[1:])
+        return np.asarray(by_path.reshape(*shape, *by_path.shape[1:]))
     if name == "sigma_px":
-        return found.by_sigma.sum(axis=2).reshape(*shape, -1)
+        return np.asarray(found.by_sigma.sum(axis=2).reshape(*shape, -1))
     if name in ("boresight_rad", "roll_rad"):
         turned = _by_turn(frames, by_xy).reshape(*shape, 3)
         return turned[..., :2] if name == "boresight_rad" else turned[..., 2]
@@ -118,7 +118,7 @@ def _by_position(name: str, frames: FrameSet, by_xy: F64, by_light: F64) -> F64:
         by_range = np.where(light != 0.0, -2.0 * light / range_m[:, None] * by_light, 0.0).sum(axis=1)
         along = away_m / range_m[..., None]
     if name == "range_m":
-        return by_range
+        return np.asarray(by_range)
     found = np.zeros((*by_range.shape, 3))
     n_sensor = len(frames.sensors)
     for view in range(len(by_xy)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import warp as wp
 
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
-from warpsim.optics.psf_bank import PsfBank
+from warpsim.optics.psf_bank import PsfBank, paths_struct
 from warpsim.render.device import rows_per_block
 
 F64 = npt.NDArray[np.float64]
@@ -127,6 +127,16 @@ class PointImages:
     def xy_px(self) -> F64:
         """Positions on the host, (n_view, n_slot, 2)."""
         return np.asarray(to_numpy(self.sources[1]).reshape(*self.sources[1].shape, 2))
+
+    def of_view(self, view: int) -> PointImages:
+        """Return the sources of one view."""
+        one = slice(view, view + 1)
+        lists, paths = [array[one] if array.size else array for array in self.sources], None
+        if self.paths is not None:
+            offset_px, brightness = self.paths.offset_px, self.paths.brightness
+            offset_px, brightness = (array[one] if array.size else array for array in (offset_px, brightness))
+            paths = paths_struct(offset_px, brightness, self.paths.n_target)
+        return replace(self, sources=lists, paths=paths)
 
     def draw(self) -> wp.array:
         """Return the images, float32, (n_view, n_band, n_row, n_col)."""
