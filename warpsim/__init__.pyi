@@ -4,10 +4,12 @@
 """
 
 from warpsim import evaluate as evaluate
+from warpsim import jax as jax
 from warpsim import labels as labels
 from warpsim import paper as paper
 from warpsim import plot as plot
 from warpsim import stonesoup as stonesoup
+from warpsim import torch as torch
 from warpsim.version import __version__ as __version__
 
 # scene

@@ -75,7 +75,7 @@ def point_images(
 ) -> tuple[PointImages, float]:
     """Return the sources of `deposit` on a device, their flux over a scale, and the scale."""
     xy, strength, moves, changes = _checked_sources(xy_px, flux, movement_px, brightness)
-    _check_image(psf, shape, flux_error)
+    check_image(psf, shape, flux_error)
     # Far away sources cannot touch the image; bringing them near keeps pixel numbers within 32 bits.
     reach = np.abs(moves).sum(axis=(0, 1)).max(initial=0.0)
     xy = np.clip(xy, -1e6 - reach, 1e6 + max(shape) + reach)
@@ -118,7 +118,7 @@ def _checked_sources(
     return xy, strength, moves, changes
 
 
-def _check_image(psf: Psf, shape: tuple[int, int], flux_error: float) -> None:
+def check_image(psf: Psf, shape: tuple[int, int], flux_error: float) -> None:
     """Check the arguments of `deposit` that describe the image."""
     if not isinstance(psf, Psf):
         raise InputError("must be a PsfGaussian, PsfAiry or PsfTable", "psf", psf)

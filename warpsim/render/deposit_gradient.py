@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import warp as wp
 
 from warpsim.errors import InputError
 from warpsim.optics.psf import Psf
-from warpsim.render.deposit import point_images
-from warpsim.render.point_images import F64, JacobianStamps
+from warpsim.optics.psf_bank import PsfBank, stamp_rule
+from warpsim.optics.tables import ERROR_RANGE, TableAccuracy
+from warpsim.render.deposit import check_image, point_images
+from warpsim.render.point_images import F64, JacobianStamps, PointImages
 
 
 @dataclass(frozen=True)
@@ -109,3 +114,49 @@ def checked_cotangent(cotangent: npt.ArrayLike, shape: tuple[int, ...]) -> npt.N
     if not largest <= np.finfo(np.float32).max:
         raise InputError("must be finite, and below 3.4e38", "cotangent")
     return values.astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class PointDrawing:
+    """How many views and bands of sources are drawn at once, from arrays that are on a device already."""
+
+    bank: PsfBank
+    rule: Any
+    shape: tuple[int, int]
+    n_band: int
+
+    def images(self, xy_px: wp.array, light: wp.array) -> PointImages:
+        """Return sources as images: xy_px (n_view, n) vec2d, light (n_view, n_band, n) float32."""
+        n_source = wp.full(xy_px.shape[0], xy_px.shape[1], dtype=wp.int32, device=xy_px.device)
+        return PointImages(self.bank, [n_source, xy_px, light], self.rule, self.shape)
+
+
+def point_drawing(psf: Psf | Sequence[Psf], shape: tuple[int, int], device: Any, flux_error: float) -> PointDrawing:
+    """Return how sources are drawn, by one point spread function for each band.
+
+    Raises:
+        InputError: As in `deposit`; no functions, or some of different families.
+    """
+    psfs = tuple(psf) if isinstance(psf, Sequence) else (psf,)
+    if not psfs:
+        raise InputError("must be one for each band", "psf", psf)
+    for one in psfs:
+        check_image(one, shape, flux_error)
+    return _drawing(psfs, (int(shape[0]), int(shape[1])), str(wp.get_device(device)), float(flux_error))
+
+
+@lru_cache(maxsize=16)
+def _drawing(psfs: tuple[Psf, ...], shape: tuple[int, int], device: str, flux_error: float) -> PointDrawing:
+    accuracy = TableAccuracy(float(np.clip(0.5 * flux_error, *ERROR_RANGE)))
+    bank = PsfBank(psfs, wp.get_device(device), accuracy=accuracy)
+    rule = stamp_rule([0.0] * len(psfs), flux_error, device, 0.5 * flux_error)
+    return PointDrawing(bank, rule, shape, len(psfs))
+
+
+def checked_lists(xy_shape: Sequence[int], light_shape: Sequence[int], n_band: int) -> None:
+    """See that the sources of views have the shapes (n_view, n, 2) and (n_view, n_band, n); InputError otherwise."""
+    if len(xy_shape) != 3 or xy_shape[2] != 2:
+        raise InputError("must have shape (n_view, n, 2)", "xy_px", tuple(xy_shape))
+    expected = (xy_shape[0], n_band, xy_shape[1])
+    if tuple(light_shape) != expected:
+        raise InputError(f"must have shape {expected}: views, bands, sources", "flux", tuple(light_shape))
