@@ -263,6 +263,7 @@ def gaussian_stamps(with_sigma: bool) -> StampFunctions:
             value = Wide()
             slope = Wide()
             wider = Wide()
+            is_whole = not is_round and vector >= 0  # pixels beside the stamp are read, too, and left out at the end
             row = stamp.window.first_row
             while row < stamp.window.end_row:
                 above = row
@@ -278,13 +279,23 @@ def gaussian_stamps(with_sigma: bool) -> StampFunctions:
                         left = wp.max(columns[0], first)
                         right = wp.min(columns[1], end)
                     if left < right:
-                        cotangent = masked(canvas, row, vector, left - vector, right - vector)
+                        cotangent = Wide()
+                        if is_whole:
+                            cotangent = Wide(canvas.vectors[canvas.first + row * canvas.n_col + vector])
+                        else:
+                            cotangent = masked(canvas, row, vector, left - vector, right - vector)
                         value = value + down.value[row - above] * cotangent
                         slope = slope + down.slope[row - above] * cotangent
                         if wp.static(with_sigma):
                             wider = wider + down_wider[row - above] * cotangent
                     row += 1
             across = axis_values(fractions, psf.columns, across_at, vector)
+            for i in range(TABLE_SIMD_WIDTH):
+                inside = i >= first - vector and i < end - vector
+                value[i] = wp.where(inside, value[i], wp.float64(0.0))
+                slope[i] = wp.where(inside, slope[i], wp.float64(0.0))
+                if wp.static(with_sigma):
+                    wider[i] = wp.where(inside, wider[i], wp.float64(0.0))
             total += wp.vec4d(
                 wp.dot(value, across.value), wp.dot(value, across.slope), wp.dot(slope, across.value), wp.float64(0.0)
             )
