@@ -174,3 +174,41 @@ def test_bad_requests_are_refused(frames, cotangent):
     airy = ws.Renderer(ws.Scene.load("stss"), device="cpu").render([60], SENSORS[0], "A")
     with pytest.raises(ws.InputError, match="only Gaussian point spread functions have one"):
         ws.gradients(airy, np.zeros(airy.counts.shape), "sigma_px")
+
+
+@pytest.mark.ci
+def test_a_bias_of_the_pointing_is_a_turn_of_the_boresight():
+    """The scene rendered again with cameras that a bias of 3 urad has turned: all of the renderer's own."""
+    changes = {"optics__psf": "gaussian", "optics__sigma_px": 1.5, "optics__stamp_cut_nei": 1e-4}
+    step = 3.0
+    frames, *turned = (
+        rendered(**changes, **({"pointing__bias": {"urad": urad}} if urad else {}))
+        for urad in (None, (step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))
+    )
+    smooth = np.indices(frames.counts.shape[3:]).sum(axis=0) % 17 - 8.0
+    cotangent = np.broadcast_to(smooth, frames.counts.shape).astype(np.float32) * np.float32(1e18)
+    found = ws.gradients(frames, cotangent, "boresight_rad")["boresight_rad"][0]
+
+    def value(some):
+        return (some.signal_w_cm2.numpy().astype(np.float64) * cotangent).sum(axis=(2, 3, 4))[0]
+
+    axes = frames.axes_icrs[0]
+    for up, down in (turned[:2], turned[2:]):
+        # What the bias turned, seen in the axes without: towards larger x and y, twice the step apart.
+        moved = np.einsum("sij,sj->si", axes, up.axes_icrs[0, :, 2] - down.axes_icrs[0, :, 2])[:, :2]
+        assert np.allclose(np.linalg.norm(moved, axis=1), 2e-6 * step, rtol=1e-3)
+        change = value(up) - value(down)
+        np.testing.assert_allclose(change, (found * moved).sum(axis=1), atol=2e-3 * np.abs(found).max() * 2e-6 * step)
+
+
+def test_views_and_bands_at_once_are_bit_for_bit_those_alone(frames, cotangent):
+    together = ws.gradients(frames, cotangent, ["x_px", "y_px", "irradiance_w_cm2"])
+    renderer = ws.Renderer(frames.scenario, device="cpu", n_thread=1)
+    for f, s in np.ndindex(2, 2):
+        one = renderer.render([60 + f], SENSORS[s], ["A", "C"])
+        found = ws.gradients(one, cotangent[f : f + 1, s : s + 1], ["x_px", "y_px", "irradiance_w_cm2"])
+        for name, values in found.items():
+            np.testing.assert_array_equal(values[0, 0], together[name][f, s])
+        band = renderer.render([60 + f], SENSORS[s], "C")
+        light = ws.gradients(band, cotangent[f : f + 1, s : s + 1, 1:], "irradiance_w_cm2")["irradiance_w_cm2"]
+        np.testing.assert_array_equal(light[0, 0, 0], together["irradiance_w_cm2"][f, s, 1])

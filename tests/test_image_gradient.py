@@ -101,12 +101,23 @@ def is_clear(xy, cells, margin):
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.ci if "sharp" in name else ()) for name in PSFS])
 def test_derivatives_are_five_point_differences_of_the_same_interpolation(name):
+    assert worst_derivative(name, 60) < DIFFERENCES
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PSFS)
+def test_derivatives_of_ten_thousand_sources_are_five_point_differences(name):
+    assert worst_derivative(name, 10_000 // len(PSFS) + 1) < DIFFERENCES
+
+
+def worst_derivative(name, n):
+    """Largest difference from five-point differences of the twin, over the largest derivative."""
     psf = PSFS[name]
     twin, cells = twin_of(psf)
     rng = np.random.default_rng(5)
     worst = largest = 0.0
     n_seen = 0
-    while n_seen < 60:
+    while n_seen < n:
         xy = rng.uniform(12, 26, 2)
         if not is_clear(xy, cells, 1e-4):
             continue
@@ -126,7 +137,8 @@ def test_derivatives_are_five_point_differences_of_the_same_interpolation(name):
         assert abs(light - twin(xy, column, row)) < 1e-12
         worst = max(worst, abs(by_x - expected[0]), abs(by_y - expected[1]))
         largest = max(largest, abs(by_x), abs(by_y))
-    assert largest > 0.001 and worst < DIFFERENCES * largest
+    assert largest > 0.001
+    return worst / largest
 
 
 MOVING = {
@@ -229,8 +241,8 @@ def test_gradients_are_those_of_images_drawn_again(name, kind):
             assert abs(slope - expected) < (DRAWN if kind != "hardly moved" else 3e-3) * largest
 
 
-SIGMA = 1e-8
-"""Of the largest derivative: five-point differences of error functions."""
+SIGMA = 5e-7
+"""Of the derivative: what lies beyond stamps that end at 1e-9 of a source, and tables of fractions in float32."""
 
 
 def test_derivatives_by_sigma_are_those_of_error_functions():
@@ -244,7 +256,7 @@ def test_derivatives_by_sigma_are_those_of_error_functions():
     for sigma in (0.5, 0.9, 1.7):
         found = ws.deposit_gradient(xy, flux, ws.PsfGaussian(sigma), SHAPE, cotangent, flux_error=1e-9).sigma_px
         expected = five_point(lambda step, sigma=sigma: value(sigma + step), 1e-3)
-        assert abs(found - expected) < 5e-7 * abs(expected)
+        assert abs(found - expected) < SIGMA * abs(expected)
 
 
 def test_gradients_do_not_depend_on_batch_threads_or_other_sources():
