@@ -311,3 +311,16 @@ def test_sources_off_the_image_and_empty_lists_have_none():
 def test_bad_cotangents_are_refused(cotangent, text):
     with pytest.raises(ws.InputError, match=text):
         ws.deposit_gradient([[1.0, 1.0]], [1.0], PSFS["gaussian"], SHAPE, cotangent)
+
+
+@pytest.mark.parametrize("name", PSFS)
+def test_windows_hold_the_stamps_of_sources_on_edges_of_pixels(name):
+    """Within float64 rounding of an edge, the stamp's float32 ends may be a pixel farther out."""
+    xy = np.array([[20.5, 12.5], [20.0, 13.0]])
+    for more in (-3e-13, -1e-15, 0.0, 1e-15, 3e-13):
+        for flux in ([1.0, 1.0], [1.0, 1e-3]):
+            image = ws.deposit(xy + more, flux, PSFS[name], SHAPE)
+            whole = ws.deposit_jacobian(xy + more, flux, PSFS[name], SHAPE).matrix(by=["light"]) @ flux
+            np.testing.assert_allclose(whole.reshape(SHAPE), image, rtol=2e-6, atol=3e-8)
+            touched = whole.reshape(SHAPE) != 0
+            np.testing.assert_array_equal(touched, image != 0)

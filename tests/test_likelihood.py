@@ -144,6 +144,17 @@ def test_blended_targets_and_a_free_camera_have_larger_bounds():
     assert (both.sigma[: len(alone)] >= together.sigma[: len(alone)] * (1 - 1e-9)).all()
 
 
+def test_bounds_of_an_image_do_not_depend_on_other_images():
+    """Views have lists of stars of different lengths."""
+    many = rendered(frames=(0, 100), sensors=("sat11", "sat27"), bands=("A", "C"))
+    one = rendered(frames=(100,), sensors=("sat11",), bands=("A", "C"))
+    assert len({len(many.stars[many.stars["sensor"] == name]) for name in many.sensors}) > 1
+    wrt = ["irradiance_w_cm2", "boresight_rad", "roll_rad"]
+    targets = one.truth["target"][one.truth["neighbour_px"] > 2].tolist()[:2] or [one.scenario.target_names[0]]
+    found, alone = ws.fisher(many, 100, "sat11", wrt, targets), ws.fisher(one, wrt=wrt, targets=targets)
+    np.testing.assert_array_equal(found.information, alone.information)
+
+
 def test_what_an_image_cannot_tell_is_named():
     bare = rendered(sky__catalog="none")
     with pytest.raises(ws.InputError, match=r"fisher: the image does not tell these apart .*boresight"):

@@ -154,8 +154,9 @@ def _columns(
     """Derivatives of an image by all parameters, sparse, n_pixel rows."""
     from scipy.sparse import csc_array, hstack
 
-    n_source, n_band = len(xy_px), len(frames.bands)
     by_x, by_y, by_light = (stamps.matrix(0, band, [name]) for name in ("x", "y", "light"))
+    n_source, n_band = by_x.shape[1], len(frames.bands)
+    xy_px = xy_px[:n_source]  # slots behind are those of other views, which have more stars
     empty = csc_array((by_x.shape[0], len(chosen)))
     parts = []
     for name in names:

@@ -22,6 +22,10 @@ MOST_VALUES = 2**27
 """Pixels of all windows of a Jacobian (4 GB)."""
 
 
+EDGE_PX = 0.01
+"""Margin of windows: the ends of stamps are found in float32, and sources stand on edges of pixels."""
+
+
 @dataclass(frozen=True)
 class Gathered:
     """Gradients by sources, for a cotangent of their images; float64."""
@@ -197,17 +201,18 @@ class PointImages:
         """Pixels that each stamp may touch, (n_view, n_band, n_slot, 4): first and end of columns, then of rows."""
         light = to_numpy(self.sources[2])
         n_view, n_band, n_slot = light.shape
-        half_px = wp.empty((n_band, n_view * n_slot), dtype=wp.int32, device=self.device)
+        width_px = wp.empty((n_band, n_view * n_slot), dtype=wp.int32, device=self.device)
         by_band = np.ascontiguousarray(light.swapaxes(0, 1).reshape(n_band, -1))
         if by_band.size:
             strengths = wp.array(by_band, dtype=wp.float32, device=self.device)
-            self.bank.size_stamps(strengths, self.rule, half_px)
-        margin_px = to_numpy(half_px).reshape(n_band, n_view, n_slot).swapaxes(0, 1)[..., None].astype(np.float64)
+            self.bank.size_stamps(strengths, self.rule, width_px)
+        margin_px = to_numpy(width_px).reshape(n_band, n_view, n_slot).swapaxes(0, 1)[..., None].astype(np.float64)
         if self.paths is not None:
             moves = to_numpy(self.paths.offset_px).reshape(*self.paths.offset_px.shape, 2)
             margin_px = margin_px + np.abs(moves).sum(axis=2, dtype=np.float64)[:, None]
         size = np.array(self.shape[::-1])
         middle = np.nan_to_num(self.xy_px, nan=-1e9)[:, None]
-        low = np.clip(np.ceil(middle - margin_px - 0.5), 0, size).astype(np.int64)
-        high = np.clip(np.floor(middle + margin_px + 0.5) + 1, low, size).astype(np.int64)
+        half_px = margin_px + 0.5 + EDGE_PX
+        low = np.clip(np.ceil(middle - half_px), 0, size).astype(np.int64)
+        high = np.clip(np.floor(middle + half_px) + 1, low, size).astype(np.int64)
         return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=-1)
