@@ -100,6 +100,9 @@ LINES = {
     "What can be measured": (
         "Cramer-Rao bounds of position and light",
         "Fits of noisy images over their bounds",
+        "Derivatives of pixels by a source's position",
+        "Adjoint against Jacobian",
+        "Boresights fitted to stars over their bounds",
     ),
     "Motion": (
         "Attitude after 1e6 s at 5 rev/s",

@@ -187,7 +187,7 @@ def main() -> None:
             if is_installed("sdasim"):
                 found["us"][f"{name}, gaussian, ws.torch"] = torch_costs(n_pixel, n_source)
                 found["us"][f"{name}, gaussian, sdasim"] = sdasim_costs(n_pixel, n_source)
-    found["merged_pairs"] = merged_pairs([3.0, 2.0, 1.5, 1.2, 1.0, 0.8, 0.6, 0.4, 0.3, 0.2], 300)
+    found["merged_pairs"] = merged_pairs([3.0, 2.0, 1.5, 1.2, 1.0, 0.8, 0.6, 0.4], 150)
     write_or_print(found, options.json)
 
 
