@@ -212,3 +212,23 @@ def test_views_and_bands_at_once_are_bit_for_bit_those_alone(frames, cotangent):
         band = renderer.render([60 + f], SENSORS[s], "C")
         light = ws.gradients(band, cotangent[f : f + 1, s : s + 1, 1:], "irradiance_w_cm2")["irradiance_w_cm2"]
         np.testing.assert_array_equal(light[0, 0, 0], together["irradiance_w_cm2"][f, s, 1])
+
+
+EXPOSED = {"kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 3e-15, "exposure_s": 0.5}
+STRAIGHT = 2e-3
+"""Of the brightest pixel: the bend of stars' paths, of which only the ends are kept."""
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    "detector", [EXPOSED, EXPOSED | {"exposure_s": 0.005, "line_time_s": 1e-4}], ids=["streaks", "rows"]
+)
+def test_moving_sources_drawn_again_are_the_image(detector):
+    still = rendered(sky__catalog="none", detector=detector)
+    signal = still.signal_w_cm2.numpy()
+    np.testing.assert_array_equal(still.point_images("test", True).draw().numpy().reshape(signal.shape), signal)
+    stars = rendered(detector=detector)
+    signal = stars.signal_w_cm2.numpy()
+    drawn = stars.point_images("test", True).draw().numpy().reshape(signal.shape)
+    assert len(stars.stars) > 5
+    assert np.abs(drawn - signal).max() < STRAIGHT * signal.max()
