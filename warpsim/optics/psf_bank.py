@@ -10,12 +10,10 @@ import warp as wp
 from warpsim_kernels.canvas import canvas_functions, n_flag
 from warpsim_kernels.deposit_gaussian import GAUSSIAN_SIMD_WIDTH, GaussianTables, make_deposit_gaussian_kernel
 from warpsim_kernels.deposit_table import make_deposit_table_kernel, pattern_tables
-from warpsim_kernels.image_gradient import make_gather_kernel, make_jacobian_kernel
 from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.records import Sources
 from warpsim_kernels.resolution import make_resolution_kernel
 from warpsim_kernels.spots import SpotFunctions, gaussian_spots, table_spots
-from warpsim_kernels.stamp_gradient import StampFunctions, gaussian_stamps, table_stamps
 from warpsim_kernels.stamp_light import (
     LightFunctions,
     gaussian_light,
@@ -139,6 +137,8 @@ class PsfBank:
             paths: As in deposit.
             with_sigma: Whether sigma is asked for; it is 0 otherwise, and of patterns.
         """
+        from warpsim_kernels.image_gradient import make_gather_kernel  # here: who only renders does not wait for it
+
         kernel = make_gather_kernel(self._light, self._stamps(with_sigma), paths is not None, self._layout is not None)
         images, device = _images(cotangent, TABLE_SIMD_WIDTH), cotangent.device
         inputs = [_lists(sources), self.tables, rule, *_movement(paths, device), images]
@@ -156,12 +156,17 @@ class PsfBank:
             values: By light, x, y and sigma, vec4d, of the pixels of all windows; 0 before.
             paths: As in deposit.
         """
+        from warpsim_kernels.image_gradient import make_jacobian_kernel
+
         is_pattern = self._layout is not None
         kernel = make_jacobian_kernel(self._light, self._stamps(with_sigma=True), paths is not None, is_pattern)
         inputs = [_lists(sources), self.tables, rule, *_movement(paths, values.device), *windows]
         return Launch(kernel, windows[0].shape, inputs, [values], values.device)
 
-    def _stamps(self, with_sigma: bool) -> StampFunctions:
+    def _stamps(self, with_sigma: bool) -> Any:
+        """The kernels' functions of stamps whose derivatives are asked for."""
+        from warpsim_kernels.stamp_gradient import gaussian_stamps, table_stamps
+
         return gaussian_stamps(with_sigma) if self._layout is None else table_stamps(self._layout)
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
