@@ -104,6 +104,9 @@ LINES = {
         "Cramer-Rao bounds of position and light",
         "Fits of noisy images over their bounds",
         "Scatter of fits of light curves over their bounds, less 1",
+        "Derivatives of pixels by a source's position",
+        "Adjoint against Jacobian",
+        "Boresights fitted to stars over their bounds",
     ),
     "Motion": (
         "Attitude after 1e6 s at 5 rev/s",

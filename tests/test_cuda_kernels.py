@@ -15,6 +15,7 @@ from warpsim_kernels.detector import ReadOutFeatures
 from warpsim_kernels.psf import TABLE_POINTS
 from warpsim_kernels.signature import Features
 from warpsim_kernels.spots import gaussian_spots, table_spots
+from warpsim_kernels.stamp_gradient import gaussian_stamps, table_stamps
 from warpsim_kernels.stamp_light import gaussian_light, table_light
 from warpsim_kernels.stars import StarFeatures
 from warpsim_kernels.table_layout import CELL_DEGREES, TableLayout
@@ -65,6 +66,15 @@ FACTORY_ARGUMENTS = {
         for streaks in (False, True)
     ],
     "make_resolution_kernel": [(gaussian_light(), False), (table_light(NODES), True), (table_light(LAYOUTS[1]), False)],
+    "make_gather_kernel": [
+        (gaussian_light(), gaussian_stamps(True), True, False),
+        *((table_light(layout), table_stamps(layout), layout == NODES, True) for layout in LAYOUTS),
+    ],
+    "make_jacobian_kernel": [
+        (gaussian_light(), gaussian_stamps(True), False, False),
+        (table_light(NODES), table_stamps(NODES), True, True),
+        (table_light(LAYOUTS[1]), table_stamps(LAYOUTS[1]), True, True),
+    ],
     "make_half_read_out": [],  # functions of the kernels below
     "make_noise_keys": [],
     "make_map_plane": [],

@@ -4,10 +4,12 @@
 """
 
 from warpsim import evaluate as evaluate
+from warpsim import jax as jax
 from warpsim import labels as labels
 from warpsim import paper as paper
 from warpsim import plot as plot
 from warpsim import stonesoup as stonesoup
+from warpsim import torch as torch
 from warpsim.version import __version__ as __version__
 
 # scene
@@ -48,6 +50,17 @@ from warpsim.measure.photometry import photometry as photometry
 from warpsim.measure.triangulation import triangulate as triangulate
 from warpsim.measure.earth_fixed import earth_fixed as earth_fixed
 from warpsim.measure.triangulation import Triangulation as Triangulation
+
+# image_gradients
+from warpsim.render.gradients import gradients as gradients
+from warpsim.render.likelihood import log_likelihood as log_likelihood
+from warpsim.render.likelihood import LogLikelihood as LogLikelihood
+from warpsim.render.fisher import fisher as fisher
+from warpsim.render.fisher import Fisher as Fisher
+from warpsim.render.deposit_gradient import deposit_gradient as deposit_gradient
+from warpsim.render.deposit_gradient import deposit_jacobian as deposit_jacobian
+from warpsim.render.deposit_gradient import DepositGradient as DepositGradient
+from warpsim.render.point_images import JacobianStamps as JacobianStamps
 
 # orbits
 from warpsim.orbit.walker import Walker as Walker

@@ -107,18 +107,67 @@ class PsfBank:
             touched: Flags, shape (n_view, n_band, n_flag), of strips: set to 1 where light was added.
         """
         n_view, n_band, n_row, n_col = signal_w_cm2.shape
-        device, simd_width = signal_w_cm2.device, GAUSSIAN_SIMD_WIDTH if self._layout is None else TABLE_SIMD_WIDTH
+        device = signal_w_cm2.device
         if touched is None:
             touched = wp.empty((n_view, n_band, n_flag(n_row * n_col)), dtype=wp.uint8, device=device)
-        lists: Any = Sources()
-        lists.n_source, lists.xy_px, lists.irradiance_w_cm2 = sources
-        images: Any = canvas_functions(simd_width).Images()
-        images.pixels = signal_w_cm2.flatten()
-        images.vectors, images.touched = overlapping(images.pixels, simd_width), touched.flatten()
-        images.n_row, images.n_col, images.n_row_per_block = n_row, n_col, n_row_per_block
-        inputs = [lists, self.tables, rule, *_movement(paths, device)]
+        images = _images(signal_w_cm2, GAUSSIAN_SIMD_WIDTH if self._layout is None else TABLE_SIMD_WIDTH)
+        images.n_row_per_block = n_row_per_block
+        images.touched = touched.flatten()
+        inputs = [_lists(sources), self.tables, rule, *_movement(paths, device)]
         dim = (n_view, n_band, -(-n_row // n_row_per_block))
         return Launch(self.deposit_kernel(paths is not None), dim, inputs, [images], device)
+
+    def gather(
+        self,
+        sources: Sequence[wp.array],
+        rule: Any,
+        cotangent: wp.array,
+        outputs: Sequence[wp.array],
+        paths: Any = None,
+        with_sigma: bool = False,
+    ) -> Launch:
+        """Return the launch of the adjoint of `deposit`: gradients by each source, for a cotangent of its images.
+
+        Args:
+            sources: As in deposit.
+            rule: As in deposit.
+            cotangent: Derivatives of a number by the pixels, float32, (n_view, n_band, n_row, n_col).
+            outputs: Gradients by light, x, y and sigma, (n_view, n_band, n_slot), vec4d; by the coefficients of paths,
+                (n_view, n_band, n_slot, n_path), vec2d, 0 before.
+            paths: As in deposit.
+            with_sigma: Whether sigma is asked for; it is 0 otherwise, and of patterns.
+        """
+        from warpsim_kernels.image_gradient import make_gather_kernel  # here: who only renders does not wait for it
+
+        kernel = make_gather_kernel(self._light, self._stamps(with_sigma), paths is not None, self._layout is not None)
+        images, device = _images(cotangent, TABLE_SIMD_WIDTH), cotangent.device
+        inputs = [_lists(sources), self.tables, rule, *_movement(paths, device), images]
+        return Launch(kernel, outputs[0].shape, inputs, outputs, device)
+
+    def jacobian(
+        self, sources: Sequence[wp.array], rule: Any, windows: Sequence[Any], values: wp.array, paths: Any = None
+    ) -> Launch:
+        """Return the launch that draws each source's fractions and their derivatives on a window of its own.
+
+        Args:
+            sources: As in deposit.
+            rule: As in deposit.
+            windows: The kernel's item, windows and first, (n_item,) each, and columns and rows of an image.
+            values: By light, x, y and sigma, vec4d, of the pixels of all windows; 0 before.
+            paths: As in deposit.
+        """
+        from warpsim_kernels.image_gradient import make_jacobian_kernel
+
+        is_pattern = self._layout is not None
+        kernel = make_jacobian_kernel(self._light, self._stamps(with_sigma=True), paths is not None, is_pattern)
+        inputs = [_lists(sources), self.tables, rule, *_movement(paths, values.device), *windows]
+        return Launch(kernel, windows[0].shape, inputs, [values], values.device)
+
+    def _stamps(self, with_sigma: bool) -> Any:
+        """The kernels' functions of stamps whose derivatives are asked for."""
+        from warpsim_kernels.stamp_gradient import gaussian_stamps, table_stamps
+
+        return gaussian_stamps(with_sigma) if self._layout is None else table_stamps(self._layout)
 
     def size_stamps(self, irradiance_w_cm2: wp.array, rule: Any, half_width_px: wp.array) -> None:
         """Half-width of the stamp of each source; both arrays (n_band, n_source)."""
@@ -160,6 +209,22 @@ class PsfBank:
         if self._layout is not None:
             bank._blur = self._blur[band : band + 1]
         return bank
+
+
+def _lists(sources: Sequence[wp.array]) -> Any:
+    """The kernels' Sources of n_source, xy_px and irradiance_w_cm2."""
+    lists: Any = Sources()
+    lists.n_source, lists.xy_px, lists.irradiance_w_cm2 = sources
+    return lists
+
+
+def _images(pixels: wp.array, simd_width: int) -> Any:
+    """The kernels' Images, without flags, drawn on or read simd_width pixels at a time."""
+    images: Any = canvas_functions(simd_width).Images()
+    images.pixels = pixels.flatten()
+    images.vectors = overlapping(images.pixels, simd_width)
+    images.n_row, images.n_col = pixels.shape[2:]
+    return images
 
 
 def _blur(psf: TabulatedPsf, pixel_aspect: float) -> Any:

@@ -13,7 +13,8 @@ from warpsim.launches import to_numpy
 from warpsim.optics.psf import Psf
 from warpsim.optics.psf_bank import PsfBank, paths_struct, stamp_rule
 from warpsim.optics.tables import ERROR_RANGE, TableAccuracy
-from warpsim.render.device import default_device, rows_per_block
+from warpsim.render.device import default_device
+from warpsim.render.point_images import PointImages
 
 F64 = npt.NDArray[np.float64]
 
@@ -52,15 +53,35 @@ def deposit(
     Raises:
         InputError: Wrong shapes, values that are not finite, an impossible shape or error bound.
     """
+    images, scale = point_images(xy_px, flux, psf, shape, device, flux_error, movement_px, brightness)
+    image = to_numpy(images.draw())[0, 0]
+    if scale == 1.0:
+        return np.asarray(image)
+    scaled = image * np.float64(scale)
+    if np.abs(scaled).max(initial=0.0) > np.finfo(np.float32).max:
+        raise InputError(f"must leave pixels below 3.4e38, got up to {scale:.3g}", "flux")
+    return np.asarray(scaled.astype(np.float32))
+
+
+def point_images(
+    xy_px: npt.ArrayLike,
+    flux: npt.ArrayLike,
+    psf: Psf,
+    shape: tuple[int, int],
+    device: Any = None,
+    flux_error: float = 1e-6,
+    movement_px: npt.ArrayLike | None = None,
+    brightness: npt.ArrayLike | None = None,
+) -> tuple[PointImages, float]:
+    """Return the sources of `deposit` on a device, their flux over a scale, and the scale."""
     xy, strength, moves, changes = _checked_sources(xy_px, flux, movement_px, brightness)
-    _check_image(psf, shape, flux_error)
+    check_image(psf, shape, flux_error)
     # Far away sources cannot touch the image; bringing them near keeps pixel numbers within 32 bits.
     reach = np.abs(moves).sum(axis=(0, 1)).max(initial=0.0)
     xy = np.clip(xy, -1e6 - reach, 1e6 + max(shape) + reach)
     # The unit may be anything: scaled to a largest value of 1, float32 neither overflows nor loses faint sources.
     scale = float(np.abs(strength).max(initial=0.0)) or 1.0
     where = default_device(device)
-    signal = wp.zeros((1, 1, *shape), dtype=wp.float32, device=where)
     sources = [
         wp.array([len(xy)], dtype=wp.int32, device=where),
         wp.array(xy[None], dtype=wp.vec2d, device=where),
@@ -72,15 +93,8 @@ def deposit(
         offset_px = wp.array(moves[None], dtype=wp.vec2, device=where)
         paths = paths_struct(offset_px, wp.array(changes[None, None], dtype=wp.float32, device=where), len(changes))
     accuracy = TableAccuracy(float(np.clip(0.5 * flux_error, *ERROR_RANGE)))
-    bank, n_row = PsfBank([psf], where, accuracy=accuracy), rows_per_block(where, shape[0])
-    bank.deposit(sources, rule, n_row, signal, paths).run()
-    image = to_numpy(signal)[0, 0]
-    if scale == 1.0:
-        return np.asarray(image)
-    scaled = image * np.float64(scale)
-    if np.abs(scaled).max(initial=0.0) > np.finfo(np.float32).max:
-        raise InputError(f"must leave pixels below 3.4e38, got up to {scale:.3g}", "flux")
-    return np.asarray(scaled.astype(np.float32))
+    bank = PsfBank([psf], where, accuracy=accuracy)
+    return PointImages(bank, sources, rule, (int(shape[0]), int(shape[1])), paths), scale
 
 
 def _checked_sources(
@@ -104,7 +118,7 @@ def _checked_sources(
     return xy, strength, moves, changes
 
 
-def _check_image(psf: Psf, shape: tuple[int, int], flux_error: float) -> None:
+def check_image(psf: Psf, shape: tuple[int, int], flux_error: float) -> None:
     """Check the arguments of `deposit` that describe the image."""
     if not isinstance(psf, Psf):
         raise InputError("must be a PsfGaussian, PsfAiry or PsfTable", "psf", psf)

@@ -20,7 +20,9 @@ from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight,
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.line_of_sight import LineOfSight, ViewGeometry
-from warpsim.render.truth import ImageAxes, star_table, truth_table
+from warpsim.render.point_images import PointImages
+from warpsim.render.truth import ImageAxes, star_table, target_positions_m, truth_table
+from warpsim.render.view_sources import sources_of_views
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.provenance import provenance
@@ -328,6 +330,25 @@ class FrameSet:
         """Light of each target alone."""
         camera = self.instrument.sensor.camera
         return TargetLight(self._device_scene, self._host, (camera.n_row, camera.n_col))
+
+    def point_images(self, what: str, with_stars: bool) -> PointImages:
+        """Sources of all views as they were drawn, targets first; InputError, as of `what`, if stars were not kept."""
+        if with_stars and self._star_lists is None and len(self._device_scene.stars.index.star_row):
+            raise InputError("render with keep_stars=True: stars move, too", what)
+        return sources_of_views(self._device_scene, self._host, self._star_lists if with_stars else None)
+
+    @property
+    def target_position_m(self) -> npt.NDArray[np.float64]:
+        """Where targets were when their light left, geocentric, GCRS axes [m], (frame * sensor, target, 3).
+
+        NaN for absent ones.
+        """
+        return target_positions_m(self._axes, self._host)
+
+    @property
+    def target_vector_m(self) -> npt.NDArray[np.float64]:
+        """The same from the sensor [m]."""
+        return np.asarray(self.target_position_m - self._host.views["position_m"][:, None])
 
     @cached_property
     def _host(self) -> HostColumns:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +10,7 @@ import numpy.typing as npt
 from warpsim.detector.detectors import ElectronDetector
 from warpsim.detector.levels import noise_variance
 from warpsim.render.frameset import FrameSet
+from warpsim.scene.instrument import Instrument
 
 F64 = npt.NDArray[np.float64]
 
@@ -37,10 +38,14 @@ class IrradianceImage(NamedTuple):
 def irradiance_image(frames: FrameSet, frame: int, sensor: str, band: str, what: str) -> IrradianceImage:
     """Return one image as irradiance; InputError, as of `what`, if it was not rendered."""
     _, number = frames.image_numbers(what, frame, sensor, band)
-    instrument = frames.instrument
+    counts = frames.counts[frames.frames.index(frame)][frames.sensors.index(sensor), number]
+    return irradiance_of(frames.instrument, band, counts)
+
+
+def irradiance_of(instrument: Instrument, band: str, counts: npt.NDArray[Any]) -> IrradianceImage:
+    """Return counts of a detector as irradiance; of any shape."""
     detector, levels = instrument.sensor.detector, instrument.levels[band]
-    counts = frames.counts[frames.frames.index(frame)][frames.sensors.index(sensor), number].astype(np.float64)
-    light = (counts - levels.blank_counts) / levels.counts_per_nei * levels.nei_w_cm2
+    light = (counts.astype(np.float64) - levels.blank_counts) / levels.counts_per_nei * levels.nei_w_cm2
     variance, shot_w_cm2 = noise_variance(detector, levels)
     full_nei = levels.sei_w_cm2 / levels.nei_w_cm2
     if isinstance(detector, ElectronDetector):

@@ -210,11 +210,20 @@ def _sensor_states(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArra
 
 def _target_states(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
     """Return the states of targets when their light left, each (view, target)."""
+    states = _states_of_targets(frames, seen)
+    return {f"target_{name}": states[..., i] for i, name in enumerate(STATE_NAMES)}
+
+
+def target_positions_m(frames: ImageAxes, seen: HostColumns) -> npt.NDArray[np.float64]:
+    """Return the positions of targets when their light left [m], (view, target, 3); NaN for absent ones."""
+    return _states_of_targets(frames, seen)[..., :3]
+
+
+def _states_of_targets(frames: ImageAxes, seen: HostColumns) -> npt.NDArray[np.float64]:
     observed = seen.observations
     range_m = np.where((observed["flags"] & int(ABSENT)) == 0, observed["range_m"], np.nan)
     time_s = np.repeat(frames.time_s, len(frames.sensors))[:, None] + np.zeros(range_m.shape)
-    states = target_states(frames.scenario, time_s if seen.row_time_s is None else time_s + seen.row_time_s, range_m)
-    return {f"target_{name}": states[..., i] for i, name in enumerate(STATE_NAMES)}
+    return target_states(frames.scenario, time_s if seen.row_time_s is None else time_s + seen.row_time_s, range_m)
 
 
 def sunlit_fraction(scene: DeviceBodies, sunlit: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -1,0 +1,234 @@
+"""Gradients of frames: by sources, by the camera, by targets' positions; against scenes rendered again."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import warpsim as ws
+from warpsim.render.view_sources import camera_slopes
+
+BASE = {"optics__psf": "gaussian", "optics__sigma_px": 0.8, "sky__catalog": "default", "optics__stamp_cut_nei": 1e-4}
+SENSORS = ["sat11", "sat27"]
+LENS = {"camera__distortion": {"k1": -0.3, "k2": 0.1, "p1": 0.01, "p2": -0.02}}
+
+
+def rendered(frames=(60,), **changes):
+    scene = ws.Scene.load("stss").replace(**(BASE | changes))
+    return ws.Renderer(scene, device="cpu").render(list(frames), SENSORS, ["A", "C"], keep_signal=True, keep_stars=True)
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return rendered((60, 61))
+
+
+@pytest.fixture(scope="module")
+def cotangent(frames):
+    return np.random.default_rng(1).normal(size=frames.counts.shape) * 1e18
+
+
+def test_sources_drawn_again_are_the_image(frames):
+    drawn = frames.point_images("test", True).draw().numpy()
+    signal = frames.signal_w_cm2.numpy().reshape(drawn.shape)
+    np.testing.assert_array_equal(drawn, signal)
+
+
+def test_gradients_by_sources_are_those_of_deposit(frames, cotangent):
+    """Of one image after the other, by the sources' own list in the truth."""
+    found = ws.gradients(frames, cotangent, ["x_px", "y_px", "irradiance_w_cm2"])
+    truth = frames.truth
+    stamp = ws.deposit_jacobian
+    for view, (f, s, b) in enumerate(np.ndindex(2, 2, 2)):
+        rows = truth[(truth["frame"] == (60, 61)[f]) & (truth["sensor"] == SENSORS[s]) & (truth["band"] == "AC"[b])]
+        lit = np.flatnonzero(rows["irradiance_w_cm2"] > 0)[:5]
+        for i in lit:
+            row = rows[i]
+            one = stamp(
+                [[row["x_px"], row["y_px"]]], [1.0], ws.PsfGaussian(0.8), frames.counts.shape[3:], flux_error=1e-9
+            )
+            whole = one.matrix(by=["light"]).T @ cotangent[f, s, b].ravel()
+            assert abs(found["irradiance_w_cm2"][f, s, b, i] - whole[0]) < 1e-3 * abs(cotangent).max()
+        assert view < 8
+    assert found["x_px"].shape == (2, 2, len(frames.scene.target_names))
+    assert found["irradiance_w_cm2"].shape == (2, 2, 2, len(frames.scene.target_names))
+
+
+TURNED = 1e-9
+
+
+@pytest.mark.parametrize("lens", [{}, LENS], ids=["pinhole", "lens"])
+def test_camera_slopes_are_those_of_turned_axes(lens):
+    """Rotations by SciPy of the camera's axes, projected by the camera."""
+    camera = ws.Scene.load("stss").replace(**lens).scenario.instrument.sensor.camera
+    rng = np.random.default_rng(2)
+    xy = rng.uniform(-5, [camera.n_col + 4, camera.n_row + 4], (30, 2))
+    axes = Rotation.random(random_state=3).as_matrix()
+    sky = camera.direction(xy, axes)
+    slopes = camera_slopes(camera, xy)
+    x, y, z = axes
+    h = 3e-5
+    for number, vector in enumerate((y, -x, z)):  # z towards x is about y, z towards y about -x
+
+        def seen(angle, vector=vector):
+            return camera.project(sky, axes @ Rotation.from_rotvec(angle * vector).as_matrix().T)[0]
+
+        expected = (8 * (seen(h) - seen(-h)) - (seen(2 * h) - seen(-2 * h))) / (12 * h)
+        np.testing.assert_allclose(slopes[:, :, number], expected, atol=TURNED * np.abs(expected).max())
+        moved = camera.project(z[None] + 1e-6 * np.cross(vector, z), axes)[0] - camera.centre_px
+        if number < 2:
+            assert moved[0, number] > 0 and abs(moved[0, 1 - number]) < 1e-6
+    assert (slopes[:, 0, 0] < 0).all() and (slopes[:, 1, 1] < 0).all()  # the sky moves the other way
+
+
+RENDERED = 2e-4
+"""Of a gradient: float32 images, the ends of stamps, and the second order of a turn of some 1e-2 px."""
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    "changes", [{}, LENS, {"optics__psf": "airy", "optics__sigma_px": None}], ids=["plain", "lens", "airy"]
+)
+def test_gradients_by_the_camera_are_those_of_scenes_rendered_again(changes):
+    """Boresights moved by a bias of the pointing, and cameras rolled."""
+    frames = rendered(**changes)
+    rng = np.random.default_rng(1)
+    cotangent = rng.normal(size=frames.counts.shape).astype(np.float32) * np.float32(1e18)
+    found = ws.gradients(frames, cotangent, ["boresight_rad", "roll_rad"])
+    assert found["boresight_rad"].shape == (1, 2, 2) and found["roll_rad"].shape == (1, 2)
+    images = frames.point_images("test", True)
+    camera = frames.instrument.sensor.camera
+    n_band = len(frames.bands)
+    from dataclasses import replace
+
+    import warp as wp
+
+    def value(turn, size, view):
+        vector = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])[turn] * size
+        seen = camera.direction(images.xy_px[view]) @ Rotation.from_rotvec(vector).as_matrix()
+        xy = images.xy_px.copy()
+        there = (np.abs(xy[view]) < 1e6).all(axis=1)
+        xy[view, there] = camera.project(seen, np.eye(3))[0][there]
+        moved = replace(
+            images, sources=[images.sources[0], wp.array(xy, dtype=wp.vec2d, device="cpu"), images.sources[2]]
+        )
+        image = moved.draw().numpy().astype(np.float64).reshape(2, n_band, -1)
+        return (image[view] * cotangent.reshape(2, n_band, -1)[view]).sum()
+
+    step = 2e-3 / camera.focal_px
+    for view in range(2):
+        for turn in range(3):
+            h = step * (50.0 if turn == 2 else 1.0)
+            slope = (value(turn, h, view) - value(turn, -h, view)) / (2 * h)
+            mine = found["boresight_rad"][0, view, turn] if turn < 2 else found["roll_rad"][0, view]
+            scale = max(np.abs(found["boresight_rad"][0, view])) * (0.05 if turn == 2 else 1.0)
+            assert abs(slope - mine) < 3e-3 * max(abs(mine), scale)
+
+
+def test_gradients_by_position_and_range(frames, cotangent):
+    """Five-point differences of `project` and of 1 / range^2, target by target."""
+    found = ws.gradients(frames, cotangent, ["x_px", "y_px", "irradiance_w_cm2", "target_position_m", "range_m"])
+    position, away = frames.target_position_m, frames.target_vector_m
+    light = frames.target_light.irradiance_w_cm2
+    n_seen = 0
+    for view, (f, s) in enumerate(np.ndindex(2, 2)):
+        for target in np.flatnonzero(light[view].any(axis=0))[:6]:
+            range_m = np.linalg.norm(away[view, target])
+            unit = away[view, target] / range_m
+            by_range = (-2 * light[view, :, target] / range_m * found["irradiance_w_cm2"][f, s, :, target]).sum()
+            assert abs(found["range_m"][f, s, target] - by_range) <= 1e-12 * abs(by_range)
+            expected = by_range * unit
+            for axis in range(3):
+                h = 200.0 * np.eye(3)[axis]
+                up, down = (frames.project((60, 61)[f], SENSORS[s], position[view, target] + d)[0][0] for d in (h, -h))
+                slope = (up - down) / 400.0
+                expected[axis] += slope @ [found["x_px"][f, s, target], found["y_px"][f, s, target]]
+            mine = found["target_position_m"][f, s, target]
+            np.testing.assert_allclose(mine, expected, atol=1e-6 * np.abs(expected).max())
+            n_seen += 1
+    assert n_seen > 8
+
+
+@pytest.mark.ci
+def test_streaks_have_gradients_by_their_paths():
+    detector = {"kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 3e-15, "exposure_s": 0.5}
+    frames = rendered(sky__catalog="none", detector=detector)
+    cotangent = np.random.default_rng(1).normal(size=frames.counts.shape) * 1e18
+    found = ws.gradients(frames, cotangent, ["path_px", "x_px", "y_px", "irradiance_w_cm2"])
+    n_path = frames.truth["dx_px"].size and found["path_px"].shape[3]
+    assert n_path >= 3
+    for axis, name in enumerate(("x_px", "y_px")):  # the coefficient of degree 0 shifts the whole path
+        np.testing.assert_allclose(found["path_px"][..., 0, axis], found[name], rtol=1e-12, atol=1e-9)
+    assert np.abs(found["path_px"][..., 1, :]).max() > 0
+
+
+def test_bad_requests_are_refused(frames, cotangent):
+    for wrt, text in (("z_px", "wrt: must be of x_px"), ([], "wrt: must name"), (["x_px", "x_px"], "none twice")):
+        with pytest.raises(ws.InputError, match=text):
+            ws.gradients(frames, cotangent, wrt)
+    with pytest.raises(ws.InputError, match="cotangent: must have shape"):
+        ws.gradients(frames, cotangent[0], "x_px")
+    bare = ws.Renderer(frames.scenario, device="cpu").render([60], SENSORS)
+    with pytest.raises(ws.InputError, match="gradients: render with keep_stars=True"):
+        ws.gradients(bare, np.zeros(bare.counts.shape), "boresight_rad")
+    assert not ws.gradients(bare, np.zeros(bare.counts.shape), "x_px")["x_px"].any()
+    airy = ws.Renderer(ws.Scene.load("stss"), device="cpu").render([60], SENSORS[0], "A")
+    with pytest.raises(ws.InputError, match="only Gaussian point spread functions have one"):
+        ws.gradients(airy, np.zeros(airy.counts.shape), "sigma_px")
+
+
+@pytest.mark.ci
+def test_a_bias_of_the_pointing_is_a_turn_of_the_boresight():
+    """The scene rendered again with cameras that a bias of 3 urad has turned: all of the renderer's own."""
+    changes = {"optics__psf": "gaussian", "optics__sigma_px": 1.5, "optics__stamp_cut_nei": 1e-4}
+    step = 3.0
+    frames, *turned = (
+        rendered(**changes, **({"pointing__bias": {"urad": urad}} if urad else {}))
+        for urad in (None, (step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))
+    )
+    smooth = np.indices(frames.counts.shape[3:]).sum(axis=0) % 17 - 8.0
+    cotangent = np.broadcast_to(smooth, frames.counts.shape).astype(np.float32) * np.float32(1e18)
+    found = ws.gradients(frames, cotangent, "boresight_rad")["boresight_rad"][0]
+
+    def value(some):
+        return (some.signal_w_cm2.numpy().astype(np.float64) * cotangent).sum(axis=(2, 3, 4))[0]
+
+    axes = frames.axes_icrs[0]
+    for up, down in (turned[:2], turned[2:]):
+        # What the bias turned, seen in the axes without: towards larger x and y, twice the step apart.
+        moved = np.einsum("sij,sj->si", axes, up.axes_icrs[0, :, 2] - down.axes_icrs[0, :, 2])[:, :2]
+        assert np.allclose(np.linalg.norm(moved, axis=1), 2e-6 * step, rtol=1e-3)
+        change = value(up) - value(down)
+        np.testing.assert_allclose(change, (found * moved).sum(axis=1), atol=2e-3 * np.abs(found).max() * 2e-6 * step)
+
+
+def test_views_and_bands_at_once_are_bit_for_bit_those_alone(frames, cotangent):
+    together = ws.gradients(frames, cotangent, ["x_px", "y_px", "irradiance_w_cm2"])
+    renderer = ws.Renderer(frames.scenario, device="cpu", n_thread=1)
+    for f, s in np.ndindex(2, 2):
+        one = renderer.render([60 + f], SENSORS[s], ["A", "C"])
+        found = ws.gradients(one, cotangent[f : f + 1, s : s + 1], ["x_px", "y_px", "irradiance_w_cm2"])
+        for name, values in found.items():
+            np.testing.assert_array_equal(values[0, 0], together[name][f, s])
+        band = renderer.render([60 + f], SENSORS[s], "C")
+        light = ws.gradients(band, cotangent[f : f + 1, s : s + 1, 1:], "irradiance_w_cm2")["irradiance_w_cm2"]
+        np.testing.assert_array_equal(light[0, 0, 0], together["irradiance_w_cm2"][f, s, 1])
+
+
+EXPOSED = {"kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 3e-15, "exposure_s": 0.5}
+STRAIGHT = 2e-3
+"""Of the brightest pixel: the bend of stars' paths, of which only the ends are kept."""
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    "detector", [EXPOSED, EXPOSED | {"exposure_s": 0.005, "line_time_s": 1e-4}], ids=["streaks", "rows"]
+)
+def test_moving_sources_drawn_again_are_the_image(detector):
+    still = rendered(sky__catalog="none", detector=detector)
+    signal = still.signal_w_cm2.numpy()
+    np.testing.assert_array_equal(still.point_images("test", True).draw().numpy().reshape(signal.shape), signal)
+    stars = rendered(detector=detector)
+    signal = stars.signal_w_cm2.numpy()
+    drawn = stars.point_images("test", True).draw().numpy().reshape(signal.shape)
+    assert len(stars.stars) > 5
+    assert np.abs(drawn - signal).max() < STRAIGHT * signal.max()
