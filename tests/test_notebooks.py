@@ -38,7 +38,7 @@ def text_of(output):
 
 def test_every_notebook_is_there(source):
     names = {path.stem for path in FOLDER.glob("*.ipynb")}
-    assert len(SOURCES) == 6 and names == {path.stem for path in SOURCES}
+    assert len(SOURCES) == 7 and names == {path.stem for path in SOURCES}
 
 
 def test_rendered_cells_are_those_of_the_source(source):
