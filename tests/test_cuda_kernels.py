@@ -286,7 +286,7 @@ def test_list_is_that_of_the_scenes():
     assert {kernel.block_dim for kernel in kernels if kernel.stage == "read_out"} != {1}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_kernels_of_a_frame_stay_within_the_line():
     needs_tools()
     if not wp.__version__.startswith(MEASURED_WITH):

@@ -50,7 +50,7 @@ CPU = Plan("cpu", quick=True)
 STEPS = ["versions", "smoke", "agreement", "races", "speed", "stages", "first_frame", "peers"]
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_program_on_the_cpu(tmp_path, checkout_environment):
     command = [sys.executable, "-m", "benchmarks.gpu", "--out", tmp_path, "--quick", "--device", "cpu"]
     done = subprocess.run(command, cwd=ROOT, env=checkout_environment, capture_output=True, text=True)

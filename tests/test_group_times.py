@@ -288,7 +288,7 @@ def test_a_camera_without_anything_to_track_looks_along_its_motion(two, device):
     np.testing.assert_allclose(axes[:2, 2], forward, rtol=0, atol=1e-12)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_camera_keeps_its_target_through_the_exposure_in_which_it_ends(scene, device):
     still = {"start_k": 300.0, "end_k": 300.0}
     group = scene.to_dict()["groups"][0]

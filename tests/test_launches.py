@@ -339,6 +339,8 @@ import warp as wp
 import warp._src.context as context
 from warpsim.render.device import KernelLoading
 
+wp.config.log_level = wp.LOG_INFO
+
 @wp.kernel(module="unique", enable_backward=False)
 def one(a: wp.array[float]):
     a[wp.tid()] = 1.0
@@ -374,7 +376,10 @@ def test_headers_are_translated_once(tmp_path, checkout_environment):
 def test_a_second_process_compiles_nothing(tmp_path, checkout_environment):
     """Warp's names in the cache hang on a kernel's source only, not on what was compiled before it."""
     environment = checkout_environment | {"WARP_CACHE_PATH": str(tmp_path)}
-    code = "import warpsim as ws; ws.Renderer(ws.Scene.load('stss'), 'cpu').render([60], sensors=['sat11'])"
+    code = (
+        "import warp as wp; import warpsim as ws; renderer = ws.Renderer(ws.Scene.load('stss'), 'cpu')\n"
+        "wp.config.log_level = wp.LOG_INFO; renderer.render([60], sensors=['sat11'])"
+    )
     shown = [
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True).stdout
         for _ in range(2)

@@ -362,7 +362,15 @@ def test_faces_that_a_mesh_does_not_have():
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("detector", [{}, {"exposure_s": 0.5}, {"exposure_s": 0.5, "line_time_s": 1e-3}], ids=str)
+@pytest.mark.parametrize(
+    "detector",
+    [
+        {},
+        pytest.param({"exposure_s": 0.5}, marks=pytest.mark.slow),
+        pytest.param({"exposure_s": 0.5, "line_time_s": 1e-3}, marks=pytest.mark.slow),
+    ],
+    ids=str,
+)
 def test_a_group_of_painted_bodies_is_that_of_the_paint(detector):
     """Thirty targets, some of them painted all over, some in part with what they have, some spread."""
     day = ws.Scene.load("stss").replace(epoch_utc="2025-06-21T18:00:00", sky__catalog="none")

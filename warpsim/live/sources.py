@@ -24,9 +24,9 @@ def view(
     band: str | None = None,
     sequence: int = 0,
 ) -> View:
-    """Open a page in the browser's reach that shows a scene, its images and their truth: `view(scene).run()`.
+    """Open a page in the browser's reach that shows a scene, its images and their truth.
 
-    The page stands at `.url`, on this machine alone, until `.run()` meets Ctrl-C or `.close()` is called.
+    The page is offered to this machine alone, from the call on until it is closed.
 
     Args:
         source: A scene, its scenario, or a renderer of it: frames are rendered as the page asks for them. Or a path: of
@@ -38,7 +38,7 @@ def view(
         sequence: Number of the sequence of a data set.
 
     Returns:
-        The page: `.show(frame)`, `.offer(frames)` for a stream's, `.run()`, `.close()`.
+        The page: its `url`, and methods to show a frame, to run until Ctrl-C and to close.
 
     Raises:
         InputError: viser (extra `live`) is not installed, the port is in use, an unknown sensor or band, or a path that
