@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -70,15 +71,17 @@ def write_catalog(catalog: StarCatalog, path: str | Path, overwrite: bool = Fals
             return catalog
         # Binary VOTables are a third of the size of those of text.
         options = {"tabledata_format": "binary2"} if format == "votable" else {}
-        table.write(partial, format=format, overwrite=True, **options)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message=".*W03: Implicitly generating an ID")
+            table.write(partial, format=format, overwrite=True, **options)
     return catalog
 
 
-def catalog_report(catalog: StarCatalog, warnings: Sequence[str] = ()) -> str:
+def catalog_report(catalog: StarCatalog, told: Sequence[str] = ()) -> str:
     """Return a page on a catalog: origin, warnings of its reading, density, motions, fluxes by band, counts."""
     lines = [f"{catalog.name}: {counted(len(catalog), 'star')}, positions at J{catalog.epoch_jyear}"]
     lines += _paragraph("provenance", catalog.provenance or "not stated")
-    lines += [line for text in _one_each(warnings) for line in _paragraph("warning", text)]
+    lines += [line for text in _one_each(told) for line in _paragraph("warning", text)]
     if len(catalog):
         lines += [*_density_lines(catalog), *_motion_lines(catalog)]
         lines += _paragraph("quality", _quality_text(catalog.quality))
@@ -176,9 +179,9 @@ def _bands_of(catalog: StarCatalog) -> list[str]:
     return [*BAND_NAMES, *(band for band in catalog.bands if band not in BAND_NAMES)]
 
 
-def _one_each(warnings: Sequence[str]) -> list[str]:
+def _one_each(told: Sequence[str]) -> list[str]:
     """Warnings without repetition, each on one line; of many, the first few."""
-    texts = list(dict.fromkeys(" ".join(text.split()) for text in warnings))
+    texts = list(dict.fromkeys(" ".join(text.split()) for text in told))
     more = len(texts) - MOST_WARNINGS
     return texts if more <= 0 else [*texts[:MOST_WARNINGS], f"{more} more"]
 
