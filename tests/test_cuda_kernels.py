@@ -32,6 +32,7 @@ PTX_ARCH = 75  # Turing: the oldest that Warp's CUDA 13 supports; PTX runs on ev
 EVERYTHING = Features(
     attitude_tables=True, meshes=True, sun=True, earth=True, albedo=True, profile=True, distortion=True, spectral=True
 )
+OF_CURVES = EVERYTHING._replace(profile=False, distortion=False, torque_free=True, patches=True)
 NEI_TERMS = ReadOutFeatures(bad_pixels=True, prnu=True, dsnu=True, column_noise=True, nonlinearity=True)
 ELECTRON_TERMS = NEI_TERMS._replace(electrons=True, shot_noise=True, small_means=True, read_noise=True)
 READ_OUTS = [ReadOutFeatures(), NEI_TERMS, ELECTRON_TERMS]
@@ -45,12 +46,16 @@ FACTORY_ARGUMENTS = {
         (EVERYTHING,),
         (EVERYTHING._replace(albedo_degree=12),),
         (EVERYTHING._replace(rolling=True),),
+        (EVERYTHING._replace(torque_free=True, patches=True),),
     ],
-    "make_split_kernel": [(EVERYTHING,)],
+    "make_split_kernel": [(EVERYTHING._replace(patches=True),)],
+    "make_curve_views_kernel": [(Features(),), (OF_CURVES,)],
+    "make_light_curve_kernel": [(Features(),), (OF_CURVES,)],
+    "make_light_curve_slopes_kernel": [(Features(),), (OF_CURVES,)],
     "make_background_nodes_kernel": [(True, True)],
     "make_add_background_kernel": [(False,), (True,)],
     "make_background_of_targets_kernel": [(True,)],
-    "make_profile_kernel": [(Features(profile=True),), (EVERYTHING,)],
+    "make_profile_kernel": [(Features(profile=True),), (EVERYTHING._replace(patches=True),)],
     "make_reach_kernel": [(False,), (True,)],
     "make_trace_targets_kernel": [(False,), (True,)],
     "make_trace_stars_kernel": [(False,), (True,)],
