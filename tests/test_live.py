@@ -261,5 +261,109 @@ def test_a_page_follows_a_server(renderer):
         expected = renderer.render(frames[-1:], SENSORS, "C").counts.numpy()[0, :, 0]
         np.testing.assert_array_equal([image.counts for image in page.shown], expected)
         assert all(image.marks for image in page.shown)
-        with pytest.raises(InputError, match="follow: cannot be reached"):
+        with pytest.raises(InputError, match="follow: must be an address such as tcp://HOST:PORT"):
             Follower(page, "nowhere")
+
+
+def lives(page, frame):
+    """Whether the page shows a frame that it is asked for, by its thread."""
+    page._ask(frame)
+    deadline = time.monotonic() + 20
+    while page.frame != frame and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return page.frame == frame and page._thread.is_alive()
+
+
+def until(condition):
+    deadline = time.monotonic() + 20
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return condition()
+
+
+@pytest.mark.ci
+def test_the_page_lives_on_after_what_goes_wrong(renderer):
+    with ws.view(renderer, port=0, sensors=SENSORS, band="C") as page:
+        page._ask(10**6)
+        assert until(lambda: page.status.problems.get("frame")) and page.frame < 10**6
+        assert lives(page, 61) and until(lambda: not page.status.problems["frame"])
+        page.offer_images(3, lambda band: 1 / 0)
+        assert until(lambda: "division" in page.status.problems["frame"])
+        page._controls.sensors.value = "nosuch"
+        assert until(lambda: "nosuch" in page.status.problems["sensors"])
+        page._controls.sensors.value = "sat27"
+        assert until(lambda: page.sensors == ["sat27"] and not page.status.problems["sensors"])
+        page._controls.sensors.value = ""
+        assert lives(page, 62) and page.shown == []
+        with pytest.raises(InputError, match="frame"):
+            page.show(10**6)
+        assert page.frame == 62
+
+
+@pytest.mark.ci
+def test_a_page_of_two_kinds_without_a_sensor_lives():
+    with ws.view(ws.Renderer(ws.Scene.load("two_cameras"), "cpu"), port=0) as page:
+        page._controls.sensors.value = ""
+        assert until(lambda: page.sensors == []) and lives(page, 5)
+
+
+@pytest.mark.ci
+def test_refused_numbers_leave_their_fields(renderer):
+    with ws.view(renderer, port=0, sensors=SENSORS) as page:
+        fields = page._scene_controls._fields
+        fields["sensors__0__optics__aperture_m"].value = "1e9"
+        assert until(lambda: page.status.problems.get("scene"))
+        assert until(lambda: fields["sensors__0__optics__aperture_m"].value == "0.4")
+        fields["sensors__0__camera__fov_deg"].value = "2"
+        assert until(lambda: page.scenario.scene.sensors[0].camera.fov_deg == 2.0)
+        assert not page.status.problems["scene"]
+        fields["seed"].value = 7
+        assert until(lambda: page.scenario.scene.seed == 7)
+        assert page._group.scenario is page.scenario
+
+
+def test_an_image_without_access_says_until_when(renderer):
+    with ws.view(renderer, port=0, sensors=["sat27"]) as page:
+        for frame, note in ((84, "no access until 1162 s"), (60, ""), (155, "no access any more")):
+            page.show(frame)
+            assert page._access_note("sat27") == note
+            assert ("no access" in page._tiles[0].content) == bool(note)
+
+
+def test_ports_are_whole_numbers(renderer):
+    for port in (1.5, "x", None, True):
+        with pytest.raises(InputError, match="port: must be"):
+            ws.view(renderer, port=port)
+
+
+def test_what_is_nothing_to_show_is_refused():
+    with pytest.raises(InputError, match="nowhere: must be a preset, a scene file, or the folder"):
+        images_from("nowhere")
+
+
+def test_damaged_packets_are_dropped():
+    import zlib
+
+    from warpsim.live.follow import _image_of
+    from warpsim.serving.packet import HEADER, MAGIC
+
+    def packet(**changes):
+        header, payload = np.zeros(1, HEADER), np.arange(4, dtype="<u2").tobytes()
+        fields = {"magic": MAGIC, "n_row": 2, "n_col": 2, "sensor_name": b"sat11", "band_name": b"A"} | changes
+        for name, value in ({"payload_crc32": zlib.crc32(payload)} | fields).items():
+            header[name] = value
+        header["header_crc32"] = zlib.crc32(header.tobytes()[: HEADER.itemsize - 4])
+        return header.tobytes() + payload
+
+    header, name, counts = _image_of([b"frame/x", packet()])
+    assert name == ("sat11", "A") and counts.tolist() == [[0, 1], [2, 3]] and header["n_row"] == 2
+    for message in (
+        [b"frame/x"],
+        [b"frame/x", packet()[:10]],
+        [b"frame/x", packet()[:-1]],
+        [b"frame/x", packet(n_row=5)],
+        [b"frame/x", packet(magic=b"OTHER")],
+        [b"frame/x", packet(payload_crc32=1)],
+        [b"frame/x", b"\0" + packet()[1:]],
+    ):
+        assert _image_of(message) is None

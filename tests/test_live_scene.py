@@ -55,7 +55,7 @@ def test_satellites_and_targets_stand_where_they_are(globe, scene):
     assert len(points(globe, "satellites")) == 28 - len(seen)
     np.testing.assert_allclose(points(globe, "kind0"), scenario.position_m("center", at) / 1e6, atol=1e-6)
     names = {path.removeprefix("/earth/name_") for path in globe if path.startswith("/earth/name_")}
-    assert names == set(seen)
+    assert names == {*seen, "center"}
     sights = points(globe, "sights")
     np.testing.assert_allclose(sights[:, 0], wanted, atol=1e-5)
     np.testing.assert_allclose(

@@ -41,6 +41,8 @@ def _view(options: argparse.Namespace) -> int:
                 page.run()
             return 0
         frames = page.frames[chosen or slice(None)] if chosen is None or isinstance(chosen, slice) else chosen
+        if not frames:
+            raise InputError(f"must be some of {page.frames[0]} to {page.frames[-1]}", "--frames", options.frames)
         if unknown := sorted(set(frames) - set(page.frames)):
             raise InputError("is no frame that the page has", "--frames", unknown[0])
         record(page, options.record, frames, fps, options.overwrite)

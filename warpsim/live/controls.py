@@ -89,9 +89,20 @@ class SceneControls:
                 elif isinstance(change.value, int):
                     field = gui.add_number(change.label, change.value, step=1)
                 else:
-                    field = gui.add_text(change.label, f"{change.value:g}")  # as 1e-18 is no number of the page's
-                field.on_update(lambda _: when_changed())
+                    field = gui.add_text(change.label, repr(change.value))  # as 1e-18 is no number of the page's
+                field.on_update(lambda _: when_changed() if self._is_changed() else None)
                 self._fields[change.path] = field
+
+    def _is_changed(self) -> bool:
+        return any(self.value(change) != change.value for change in self.changes)
+
+    def reset(self) -> None:
+        """Let all fields show what is in force."""
+        for change in self.changes:
+            field = self._fields[change.path]
+            shown = repr(change.value) if isinstance(change.value, float) else change.value
+            if field.value != shown:
+                field.value = shown
 
     def value(self, change: Change) -> Any:
         """What stands in a field; a text that is no number stays a text, which the scene refuses."""

@@ -19,6 +19,7 @@ N_TIME = 400
 
 QUANTITIES = ("SNR", "irradiance [W/cm2]", "range [km]", "aspect [deg]", "temperature [K]", "projected area [m2]")
 
+_NO_ACCESS = "no access"
 _COLOURS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442")
 _BAR, _GAP, _LEFT, _WIDTH, _RIGHT = 12, 4, 60, 260, 190
 
@@ -41,6 +42,8 @@ class Curves:
         """Draw another curve."""
         curves = light_curves(scenario, self._time_s, [sensor], [target], [band])
         lit = np.where(curves.irradiance_w_cm2[:, 0, 0, 0] > 0, 1.0, np.nan)
+        instrument = scenario.instrument_of(sensor)
+        access = instrument.has_access(instrument.index(sensor), self._time_s)
         if quantity == QUANTITIES[1]:
             self._lines = {name: lit * values[:, 0, 0, 0] for name, values in curves.terms_w_cm2.items()}
         else:
@@ -52,6 +55,9 @@ class Curves:
                 QUANTITIES[5]: curves.projected_area_m2[:, 0, 0],
             }
             self._lines = {quantity: values[quantity]}
+        total = next(iter(self._lines.values())) if len(self._lines) == 1 else sum(self._lines.values())
+        self._lines = {name: np.where(access, values, np.nan) for name, values in self._lines.items()}
+        self._lines[_NO_ACCESS] = np.where(access, np.nan, total)
         if self._plot is not None:
             self._plot.remove()
         series = [{"label": "t [s]"}, *({"label": name, "stroke": c, "width": 1.5} for name, c in self._coloured())]
@@ -73,13 +79,14 @@ class Curves:
         return low - room, high + room
 
     def _coloured(self) -> list[tuple[str, str]]:
-        return [(name, _COLOURS[i % len(_COLOURS)]) for i, name in enumerate(self._lines)]
+        colours = [*_COLOURS[: len(self._lines) - 1], "#777"]
+        return list(zip(self._lines, colours, strict=True))
 
     def _data(self, time_s: float) -> tuple[F64, ...]:
-        first = next(iter(self._lines.values()))
         now = np.full(N_TIME, np.nan)
         nearest = int(np.argmin(np.abs(self._time_s - time_s)))
-        now[nearest] = first[nearest]
+        there = [values[nearest] for values in self._lines.values() if np.isfinite(values[nearest])]
+        now[nearest] = there[0] if there else np.nan
         return (self._time_s, *self._lines.values(), now)
 
     def show(self, time_s: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 import zlib
 from typing import Any
 
@@ -15,6 +16,9 @@ from warpsim.serving.packet import HEADER, MAGIC
 from warpsim.serving.sockets import zmq_library
 
 _POLL_MS = 100
+_SILENT_S = 3.0
+_SILENT = "the server sends nothing"
+_NAME_BYTES = HEADER["sensor_name"].itemsize
 
 
 class Follower:
@@ -31,43 +35,48 @@ class Follower:
     """
 
     def __init__(self, page: View, address: str) -> None:
-        zmq = zmq_library()
+        zmq = zmq_library("follow")
         self._page, self._stop = page, threading.Event()
         self._socket: Any = zmq.Context.instance().socket(zmq.SUB)
         try:
             self._socket.connect(address)
         except zmq.ZMQError as error:
             self._socket.close(0)
-            raise InputError(f"cannot be reached: {one_line(error)}", "follow", address) from None
+            rule = f"must be an address such as tcp://HOST:PORT ({one_line(error.strerror)})"
+            raise InputError(rule, "follow", address) from None
         self._socket.subscribe("frame/")
         self._thread = threading.Thread(target=self._receive, name="warpsim view follows", daemon=True)
         self._thread.start()
 
     def _receive(self) -> None:
-        frame, images = -1, dict[tuple[str, str], np.ndarray[Any, np.dtype[np.uint16]]]()
+        frame, images = -1, dict[tuple[str, str], Any]()
+        last_s = time.monotonic()
         while not self._stop.is_set():
             if not self._socket.poll(_POLL_MS):
+                self._page.note_of_source(_SILENT if time.monotonic() - last_s > _SILENT_S else "")
                 continue
-            packet = self._socket.recv_multipart()[1]
-            header = np.frombuffer(packet, HEADER, 1)[0]
-            counts = packet[HEADER.itemsize :]
-            if header["magic"] != MAGIC or zlib.crc32(counts) != header["payload_crc32"]:
+            found = _image_of(self._socket.recv_multipart())
+            if found is None:
                 continue
+            last_s, (header, name, counts) = time.monotonic(), found
             if header["frame"] != frame:
                 frame, images = int(header["frame"]), {}
-            names = header["sensor_name"].decode(), header["band_name"].decode()
-            images[names] = np.frombuffer(counts, "<u2").reshape(header["n_row"], header["n_col"])
+            images[name] = counts
             if len(images) == header["n_sensor"] * header["n_band"]:
                 self._offer(frame, images)
 
     def _offer(self, frame: int, images: dict[tuple[str, str], Any]) -> None:
-        """Offer a frame that is complete."""
+        """Offer a frame that is complete; names of packets are cut to the room that they have there."""
         source, scenario = self._page.images, self._page.scenario
+        whole = {name[:_NAME_BYTES]: name for name in scenario.sensor_names}
+        images = {(whole[sensor], band): counts for (sensor, band), counts in images.items() if sensor in whole}
+        if not images:
+            return
         bands = list(dict.fromkeys(band for _, band in images))
 
         def shown(band: str | None) -> list[ShownImage]:
             own = band if band in bands else bands[0]
-            sensors = [sensor for sensor, of in images if of == own and sensor in scenario.sensor_names]
+            sensors = [sensor for sensor, of in images if of == own]
             marks = {}
             if isinstance(source, RenderedImages) and sensors:
                 marks = marks_of(source.renderer.truth([frame], sensors, own))
@@ -92,3 +101,18 @@ class Follower:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _image_of(message: list[bytes]) -> tuple[Any, tuple[str, str], Any] | None:
+    """Header, names of sensor and band, and counts of a packet; None for what is none, or damaged."""
+    if len(message) != 2 or len(message[1]) < HEADER.itemsize:
+        return None
+    header, payload = np.frombuffer(message[1], HEADER, 1)[0], message[1][HEADER.itemsize :]
+    whole = zlib.crc32(message[1][: HEADER.itemsize - 4]) == header["header_crc32"]
+    if header["magic"] != MAGIC or not whole or zlib.crc32(payload) != header["payload_crc32"]:
+        return None
+    shape = int(header["n_row"]), int(header["n_col"])
+    if 2 * shape[0] * shape[1] != len(payload):
+        return None
+    name = tuple(header[key].decode(errors="replace") for key in ("sensor_name", "band_name"))
+    return header, (name[0], name[1]), np.frombuffer(payload, "<u2").reshape(shape)

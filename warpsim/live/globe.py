@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.orbit.earth import geodetic_to_itrs_m, itrs_to_gcrs
 from warpsim.orbit.sun import earth_states
+from warpsim.orbit.track import TrackStack
 from warpsim.plot.coastlines import coastlines_deg
 from warpsim.plot.figure import observed_targets, target_kinds
 from warpsim.scene.scenario import Scenario
@@ -43,6 +44,7 @@ class GlobeScene:
     def __init__(self, scene: Any, scenario: Scenario, sensors: Sequence[str]) -> None:
         self._scene, self.scenario = scene, scenario
         self.sensors = list(sensors)
+        self._satellites = TrackStack(scenario.tracks.satellites) if scenario.satellite_names else None
         self.root = scene.add_frame(ROOT, show_axes=False)
         self._earth = scene.add_frame(f"{ROOT}/globe", show_axes=False)
         vertices, faces = _ellipsoid()
@@ -84,13 +86,17 @@ class GlobeScene:
         self._earth.wxyz = quaternion_wxyz(itrs_to_gcrs(scenario.epoch, at)[0])
         sun = earth_states(scenario.epoch, at).sun_m[0]
         self._sun.position = tuple(50.0 * sun / np.linalg.norm(sun))
-        place = {name: scenario.position_m(name, at)[0] / UNIT_M for name in scenario.satellite_names}
+        where_m = self._satellites.positions_m(at)[:, 0] if self._satellites else np.zeros((0, 3))
+        place = dict(zip(scenario.satellite_names, where_m / UNIT_M, strict=True))
         there = [i for i in range(len(scenario.targets)) if bool(scenario.tracks.exist(i, np.array(time_s)))]
         target = {i: scenario.position_m(scenario.target_names[i], at)[0] / UNIT_M for i in there}
         seen = self._draw_sights(time_s, place, target)
-        self._points("satellites", [place[name] for name in place if name not in seen], _UNSEEN, 0.08)
+        others = set(place) - set(seen)
+        self._points("satellites", [place[name] for name in place if name in others], _UNSEEN, 0.08)
         self._points("observers", [place[name] for name in seen], _SEEN, 0.14)
-        self._name(seen, place)
+        names = seen if len(seen) <= MOST_NAMES else []
+        mains = [i for kind in self._kinds if kind.is_main for i in kind.targets if i in target]
+        self._name({name: place[name] for name in names} | {scenario.target_names[i]: target[i] for i in mains})
         for kind in self._kinds:
             own = [target[i] for i in kind.targets if i in target]
             self._points(f"kind{kind.number}", own, rgb(kind.colour), 0.16 if kind.is_main else 0.1)
@@ -100,8 +106,8 @@ class GlobeScene:
         """Lines from sensors with access to what they observe; return the names of their satellites."""
         lines, seen = [], []
         for instrument in self.scenario.instruments.values():
-            at = np.array([time_s])
-            for sensor in (i for i in range(len(instrument.names)) if instrument.has_access(i, at)[0]):
+            access = instrument.access
+            for sensor in np.unique(access.row[(access.start_s <= time_s) & (time_s <= access.end_s)]).tolist():
                 satellite = instrument.satellite_names[sensor]
                 ends = [i for i in observed_targets(self.scenario, instrument, sensor, time_s) if i in target]
                 lines += [(place[satellite], target[i]) for i in ends[:1]]
@@ -129,15 +135,14 @@ class GlobeScene:
         where = np.array(points, np.float32).reshape(-1, 3)
         self._scene.add_point_cloud(path, where, colour, point_size=size, point_shape="circle", precision="float32")
 
-    def _name(self, seen: list[str], place: dict[str, F64]) -> None:
-        """Names beside the satellites whose sensors have access."""
-        wanted = seen if len(seen) <= MOST_NAMES else []
+    def _name(self, wanted: dict[str, F64]) -> None:
+        """Names beside satellites and main targets."""
         for name in [name for name in self._names if name not in wanted]:
             self._names.pop(name).remove()
-        for name in wanted:
+        for name, position in wanted.items():
             if name not in self._names:
                 self._names[name] = self._scene.add_label(f"{ROOT}/name_{name}", name, anchor="bottom-left")
-            self._names[name].position = tuple(place[name])
+            self._names[name].position = tuple(position)
 
 
 def _end_of_ray(start: F64, ray: F64, far: float) -> F64:

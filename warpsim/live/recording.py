@@ -26,7 +26,7 @@ FPS = 10.0
 """Frames a second of recordings."""
 
 _BOX = np.array([79, 209, 255], np.uint8)
-_WALL = 13.0  # height of the wall of images beside the Earth, 1000 km
+_WALL = (17.0, 13.0)  # most width and height of the wall of images beside the Earth, 1000 km
 
 Picture = npt.NDArray[np.uint8]
 
@@ -62,7 +62,7 @@ def record(
     wall = _Wall(view.server, np.array(view.server.initial_camera.position))
 
     def show(picture: Picture) -> None:
-        wall.show(picture)
+        wall.show(picture, f"{view.time_s:g} s: {', '.join(view.sensors)}")
         serializer.insert_sleep(1 / fps)
 
     _play(view, frames, show)
@@ -87,20 +87,27 @@ class _Wall:
         towards = normalised(camera)
         right = normalised(np.cross([0.0, 0.0, 1.0], towards))
         up = np.cross(towards, right)
-        self._scene, self._middle, self._right = server.scene, 0.0 * towards, right
+        self._scene, self._right, self._up = server.scene, right, up
         self._wxyz = quaternion_wxyz(np.stack([right, -up, -towards], axis=1))
         self._image: Any = None
+        self._caption: Any = None
 
-    def show(self, picture: Picture) -> None:
-        width = _WALL * picture.shape[1] / picture.shape[0]
-        place = self._middle - self._right * (9.0 + width / 2)
+    def show(self, picture: Picture, caption: str) -> None:
+        shape = np.array(picture.shape[1::-1])
+        width, height = shape * min(_WALL[0] / shape[0], _WALL[1] / shape[1])
+        place = -self._right * (8.0 + width / 2)
         self._image = self._scene.add_image(
-            "/images", picture, width, _WALL, wxyz=self._wxyz, position=tuple(place), format="jpeg"
+            "/images", picture, width, height, wxyz=self._wxyz, position=tuple(place), format="jpeg"
         )
+        top = place + self._up * (0.6 + height / 2)
+        if self._caption is None:
+            self._caption = self._scene.add_label("/caption", caption, position=tuple(top), anchor="bottom-center")
+        self._caption.text = caption
 
     def remove(self) -> None:
         if self._image is not None:
             self._image.remove()
+            self._caption.remove()
 
 
 def wall_of(images: Sequence[ShownImage], n_tile: int) -> Picture:

@@ -15,6 +15,7 @@ from warpsim.output.output_folder import MANIFEST
 from warpsim.render.renderer import Renderer
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
+from warpsim.scene.scene_files import presets
 
 
 def view(
@@ -60,4 +61,6 @@ def images_from(source: Scene | Scenario | Renderer | str | os.PathLike[str], se
         if isinstance(manifest, dict):
             return FolderImages(source)
         raise InputError(f"holds neither a run nor a data set: {MANIFEST} is missing").of(source)
+    if not Path(source).exists() and os.fspath(source) not in presets():
+        raise InputError("must be a preset, a scene file, or the folder of a run or a data set").of(source)
     return RenderedImages(Renderer(Scene.load(source)))

@@ -42,7 +42,7 @@ s.cssText=on?'position:fixed;z-index:1000;inset:3vh auto auto 50%;transform:tran
 """
 
 
-def tile_html(image: ShownImage, ceiling_nei: float, overlay: bool, with_counts: bool) -> str:
+def tile_html(image: ShownImage, ceiling_nei: float, overlay: bool, with_counts: bool, note: str = "") -> str:
     """Return a tile: caption, picture with boxes, line for what is under the cursor.
 
     Args:
@@ -50,6 +50,7 @@ def tile_html(image: ShownImage, ceiling_nei: float, overlay: bool, with_counts:
         ceiling_nei: Drawn white; the scale is asinh, black is blank sky.
         overlay: Whether boxes and names are drawn.
         with_counts: Whether the counts travel with the picture, for the cursor.
+        note: Said in the caption, in another colour.
     """
     n_row, n_col = image.counts.shape
     picture = base64.b64encode(png(grey(image.counts, image.levels, MOST_PX, ceiling_nei))).decode()
@@ -57,6 +58,7 @@ def tile_html(image: ShownImage, ceiling_nei: float, overlay: bool, with_counts:
     marks = json.dumps([[m.target, round(m.x_px, 2), round(m.y_px, 2), f"{m.snr:.3g}"] for m in image.marks])
     drawn = _overlay(image.marks, n_col, n_row) if overlay else ""
     caption = html.escape(f"{image.sensor}, band {image.band}{_merged_text(image) if overlay else ''}")
+    caption += f' <span style="color:#e69f00">{html.escape(note)}</span>' if note else ""
     return (
         f'<div class="tile" data-sensor="{html.escape(image.sensor)}" data-band="{html.escape(image.band)}" '
         'style="font:12px sans-serif"><div>'
@@ -72,9 +74,9 @@ def tile_html(image: ShownImage, ceiling_nei: float, overlay: bool, with_counts:
 
 def _merged_text(image: ShownImage) -> str:
     """Which targets merge, as many as fit."""
-    clumps = [" + ".join(names) for names in image.merged]
-    more = f" and {len(clumps) - _MOST_CLUMPS} clumps more" if len(clumps) > _MOST_CLUMPS else ""
-    return f": {'; '.join(clumps[:_MOST_CLUMPS])}{more} merge" if clumps else ""
+    clumps = [" + ".join(names) for names in sorted(image.merged, key=len)]
+    more = f" and {len(clumps) - _MOST_CLUMPS} more groups" if len(clumps) > _MOST_CLUMPS else ""
+    return f". Merged: {'; '.join(clumps[:_MOST_CLUMPS])}{more}" if clumps else ""
 
 
 def _overlay(marks: Sequence[Mark], n_col: int, n_row: int) -> str:

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
+import html
 import io
-import os
-import socket
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import numpy as np
 
 from warpsim.directions import normalised
-from warpsim.errors import InputError
+from warpsim.errors import InputError, one_line
 from warpsim.instant import utc_dates
 from warpsim.live.changes import changed_scene
 from warpsim.live.controls import EARTH, GROUP, Controls, SceneControls
 from warpsim.live.curves import access_bars
 from warpsim.live.globe import GlobeScene
 from warpsim.live.group_view import GroupView
+from warpsim.live.page import Status, open_server
 from warpsim.live.shown_images import Images, RenderedImages, ShownImage, images_of
 from warpsim.live.tile import tile_html
 from warpsim.render.frameset import FrameSet
@@ -36,7 +34,10 @@ MOST_TILES = 6
 MOST_LOAD = 0.1
 """Part of a core that the page takes while it follows frames that somebody else renders."""
 
-_COUNTS_PX = 256 * 256  # larger images travel without their counts while they play
+MOST_SHOWN = 12
+"""Sensors whose images have room on the page."""
+
+_COUNTS_PX, _PLAYED_PX = 512 * 512, 256 * 256  # larger images travel without their counts, at rest and playing
 
 
 class View:
@@ -57,32 +58,23 @@ class View:
     def __init__(
         self, images: Images, port: int = PORT, sensors: str | Sequence[str] | None = None, band: str | None = None
     ) -> None:
-        if importlib.util.find_spec("viser") is None:
-            raise InputError("needs viser, which the extra `live` brings: pip install 'warpsim[live]'").of("view")
-        import viser
-
         self.images, self.scenario = images, images.scenario
         chosen = images.sensors[:MOST_TILES] if sensors is None else self.scenario.select_sensors(sensors)
         if band is not None and band not in self.scenario.bands:
             raise InputError(f"must be one of {', '.join(self.scenario.bands)}", "band", band)
-        self.port = _free_port(port)
-        with contextlib.redirect_stdout(io.StringIO()):  # it prints a frame about its address
-            self.server: Any = viser.ViserServer(host="127.0.0.1", port=self.port, label="warpsim", verbose=False)
+        self.server, self.port = open_server(port)
         self.url = f"http://127.0.0.1:{self.port}"
         self.shown: list[ShownImage] = []
         """Images of the frame that the page shows."""
         self.frame = -1
         """Number of the frame that the page shows."""
-        self.n_dropped = 0
-        """Frames that were not shown, as the page could not keep up."""
+        self.status = Status()
+        """How the page keeps up, and problems."""
         self.sensors = list(chosen)
         """Sensors whose images are shown."""
-        self._lock, self._work, self._stop = threading.Lock(), threading.Event(), threading.Event()
-        self._latency_s: deque[float] = deque(maxlen=200)
-        self._shown_at: deque[float] = deque(maxlen=60)
+        self._lock, self._work, self._stop = threading.RLock(), threading.Event(), threading.Event()
         self._playing = self._again = False
         self._offered: tuple[int, Callable[[str | None], list[ShownImage]]] | None = None
-        self._problem = ""
         self._set_up(band)
         self.show(int(self._controls.slider.value))
         self._wanted = self.frame
@@ -104,7 +96,7 @@ class View:
         self._controls = controls
         if band is not None:
             controls.band.value = band
-        controls.slider.on_update(lambda _: self._ask(int(controls.slider.value)))
+        controls.slider.on_update(self._moved)
         controls.buttons.on_click(lambda _: self._press(controls.buttons.value))
         controls.view.on_update(lambda _: self._look_at(controls.view.value))
         controls.when_changed(self._ask_again, self._draw_curve)
@@ -113,7 +105,7 @@ class View:
             self._scene_controls = SceneControls(server.gui, scenario, self.sensors[0], self._change)
         panel = server.gui.add_panel()
         with panel.add_tab("Images"):
-            self._tiles = [server.gui.add_html("") for _ in range(max(len(self.sensors), 1))]
+            self._tiles = [server.gui.add_html("") for _ in range(max(len(self.sensors), MOST_SHOWN))]
         panel.dock_left()
         panel.set_width(330)
         server.gui.main_panel.dock_right()
@@ -138,13 +130,33 @@ class View:
         return float(x), float(y), float(z)
 
     @property
+    def n_dropped(self) -> int:
+        """Frames that were not shown, as the page could not keep up."""
+        return self.status.n_dropped
+
+    @property
     def time_s(self) -> float:
         """Time of the frame that the page shows, after the epoch [s]."""
-        kind = self.scenario.instrument_of(self.sensors[0]) if self.sensors else self.scenario.instrument
+        instruments = self.scenario.instruments
+        kind = self.scenario.instrument_of(self.sensors[0]) if self.sensors else next(iter(instruments.values()))
         return float(kind.frame_time_s([max(self.frame, 0)])[0])
 
     def show(self, frame: int) -> None:
-        """Show a frame; returns when the page was sent what there is to see."""
+        """Show a frame; returns when the page was sent what there is to see.
+
+        Raises:
+            InputError: There is no such frame.
+        """
+        self._check(frame)
+        self._wanted = frame
+        self._show_frame(frame)
+
+    def _check(self, frame: int) -> None:
+        if not self.frames[0] <= frame <= self._last:
+            raise InputError(f"must be in {self.frames[0]} to {self._last}", "frame", frame)
+
+    def _show_frame(self, frame: int) -> None:
+        self._check(frame)
         with self._lock:
             begin = time.perf_counter()
             self._update_sensors()
@@ -157,7 +169,7 @@ class View:
         For a loop over `Renderer.stream(...)`: the page takes little of the time of the one who renders
         (`MOST_LOAD`), and counts the frames that it did not show.
         """
-        self.n_dropped += len(frames.frames) - 1
+        self.status.n_dropped += len(frames.frames) - 1
 
         def last(band: str | None) -> list[ShownImage]:
             return images_of(frames, len(frames.frames) - 1, band if band in frames.bands else frames.bands[0])
@@ -166,7 +178,7 @@ class View:
 
     def offer_images(self, frame: int, images: Callable[[str | None], list[ShownImage]]) -> None:
         """Give the page the images of a frame as a function of the band that it shows; as `offer`."""
-        self.n_dropped += self._offered is not None
+        self.status.n_dropped += self._offered is not None
         self._offered = frame, images
         self._work.set()
 
@@ -179,12 +191,26 @@ class View:
 
     def _show(self, frame: int, begin: float) -> None:
         """Send the images and move what there is in three dimensions."""
-        self.frame, controls = frame, self._controls
+        before, self.frame, controls = self.frame, frame, self._controls
         by_sensor = {image.sensor: image for image in self.shown}
-        time_s = self.time_s
+        try:
+            time_s = self.time_s
+            self._send(time_s, by_sensor)
+        except Exception:
+            self.frame = before
+            raise
+        if int(controls.slider.value) != frame:
+            controls.slider.value = frame
+        self.status.shown(begin)
+        self._tell()
+
+    def _send(self, time_s: float, by_sensor: dict[str, ShownImage]) -> None:
+        """Send what there is to see of a frame."""
+        controls = self._controls
         with self.server.atomic():
             for tile, sensor in zip(self._tiles, self.sensors, strict=False):
-                tile.content = self._tile(by_sensor[sensor]) if sensor in by_sensor else f"{sensor}: no image"
+                none = f"<div>{html.escape(sensor)}: no image</div>"
+                tile.content = self._tile(by_sensor[sensor]) if sensor in by_sensor else none
             for tile in self._tiles[len(self.sensors) :]:
                 tile.content = ""
             if self._group is not None and controls.view.value == GROUP:
@@ -193,43 +219,51 @@ class View:
                 self._globe.show(time_s)
             controls.curves.show(time_s)
             controls.access.content = access_bars(self.scenario, time_s)
-            if int(controls.slider.value) != frame:
-                controls.slider.value = frame
-        self._latency_s.append(time.perf_counter() - begin)
-        self._shown_at.append(time.perf_counter())
-        controls.status.content = self._status_html()
 
     def _tile(self, image: ShownImage) -> str:
         controls = self._controls
-        with_counts = not self._playing or image.counts.size <= _COUNTS_PX
+        with_counts = image.counts.size <= (_PLAYED_PX if self._playing else _COUNTS_PX)
+        note = self._access_note(image.sensor)
         image = image.about_targets() if controls.crop.value else image
-        return tile_html(image, controls.ceiling.value, controls.overlay.value, with_counts)
+        return tile_html(image, controls.ceiling.value, controls.overlay.value, with_counts, note)
 
-    def _status_html(self) -> str:
+    def _access_note(self, sensor: str) -> str:
+        """Say that a sensor has no access, and when it has it again."""
+        instrument, time_s = self.scenario.instrument_of(sensor), self.time_s
+        access = instrument.access
+        own = access.row == instrument.index(sensor)
+        if ((access.start_s <= time_s) & (time_s <= access.end_s) & own).any():
+            return ""
+        later = access.start_s[own & (access.start_s > time_s)]
+        return f"no access until {later.min():.4g} s" if len(later) else "no access any more"
+
+    def note_of_source(self, note: str) -> None:
+        """Let the line of status say something of where images come from; nothing for an empty text."""
+        if note != self.status.note:
+            self.status.note = note
+            self._tell()
+
+    def _tell(self) -> None:
+        """Bring the line of status up to date."""
         date = utc_dates(self.scenario.scene.epoch_utc, [self.time_s])[0]
-        p50_ms, p99_ms = 1e3 * np.percentile(self._latency_s, [50, 99])
-        since_s = self._shown_at[-1] - self._shown_at[0]
-        rate = f"{(len(self._shown_at) - 1) / since_s:.1f} frames/s, " if since_s > 0 else ""
-        problem = f'<div style="color:#ff6b4a">{self._problem}</div>' if self._problem else ""
-        return (
-            '<div class="status" style="padding:0 10px;font:12px sans-serif">'
-            f"frame {self.frame}, {self.time_s:g} s, {date} UTC<br>"
-            f"{rate}sent within {p50_ms:.0f} ms (99 %: {p99_ms:.0f} ms), {self.n_dropped} dropped{problem}</div>"
-        )
+        self._controls.status.content = self.status.html(self.frame, self.time_s, date)
 
     def _update_sensors(self) -> None:
         """Take other sensors where the page asks for them; what is not a sensor leaves the tiles as they are."""
         names = self._controls.chosen_sensors
         try:
-            chosen = self.scenario.select_sensors(names)[: len(self._tiles)] if names else []
-            self.sensors = self._globe.sensors = chosen
+            chosen = self.scenario.select_sensors(names) if names else []
+            self.sensors = self._globe.sensors = chosen[: len(self._tiles)]
+            more = len(chosen) - len(self._tiles)
+            self.status.problems["sensors"] = f"{more} sensors more than fit are not shown" if more > 0 else ""
         except InputError as error:
-            self._say(error)
+            self.status.problems["sensors"] = str(error)
 
     def _draw_curve(self) -> None:
         if self.scenario.targets and self.images.sensors:
-            self._controls.draw_curve(self.scenario)
-            self._controls.curves.show(self.time_s)
+            with self._lock:
+                self._controls.draw_curve(self.scenario)
+                self._controls.curves.show(self.time_s)
 
     def _change(self) -> None:
         """Render another scene from now on: the one with the numbers of the page."""
@@ -244,16 +278,12 @@ class View:
                 if self._group is not None:
                     self._group.scenario = self.scenario
                 known.changes = [change._replace(value=known.value(change)) for change in known.changes]
-                self._problem = ""
+                self.status.problems["scene"] = ""
         except InputError as error:
-            self._say(error)
+            self.status.problems["scene"] = str(error)
+            self._scene_controls.reset()
         self._draw_curve()
         self._ask_again()
-
-    def _say(self, error: InputError) -> None:
-        import html
-
-        self._problem = html.escape(str(error))
 
     def _press(self, what: str) -> None:
         self._playing = what == "play"
@@ -271,6 +301,11 @@ class View:
             client.camera.look_at = (0.0, 0.0, 0.0)
         self._ask_again()
 
+    def _moved(self, event: Any) -> None:
+        """Show what somebody moved the slider to; where the page itself did, it shows that already."""
+        if event.client is not None:
+            self._ask(int(event.target.value))
+
     def _ask(self, frame: int) -> None:
         """Let the thread show a frame."""
         self._wanted = frame
@@ -287,27 +322,39 @@ class View:
         while not self._stop.is_set():
             offered, self._offered = self._offered, None
             if offered is not None:
-                self._show_offered(*offered)
-                self._wanted = self.frame
-                self._stop.wait(self._latency_s[-1] * (1 / MOST_LOAD - 1))
+                self._wanted = offered[0]
+                self._tried(self._show_offered, *offered)
+                self._stop.wait(self.status.latency_s[-1] * (1 / MOST_LOAD - 1) if self.status.latency_s else 0.1)
             elif self._playing:
                 now_s = time.perf_counter()
-                if not was_playing:
-                    begin_s, begin = now_s, self.frame
+                if not was_playing or self._wanted != self.frame:  # at first, and where the slider was moved
+                    begin_s, begin = now_s, self._wanted
                 self._play_on(self._next_frame(begin, now_s - begin_s))
-                self._wanted = self.frame
             elif self._wanted != self.frame or self._again:
-                self._again = False
-                self.show(self._wanted)
+                self._again, wanted = False, self._wanted
+                self._tried(self._show_frame, wanted)
+                if self._wanted == wanted:
+                    self._wanted = self.frame  # another one if that failed
             else:
                 self._work.wait(0.2)
                 self._work.clear()
             was_playing = self._playing
 
+    def _tried(self, show: Callable[..., None], *arguments: Any) -> None:
+        """Show something; what goes wrong is told by the page, which lives on."""
+        try:
+            show(*arguments)
+            self.status.problems["frame"] = ""
+        except Exception as error:  # a file that is gone, a packet of another scene
+            self.status.problems["frame"] = one_line(error)
+            self._tell()
+
     def _play_on(self, frame: int) -> None:
-        if frame > self.frame:
-            self.n_dropped += frame - self.frame - 1
-            self.show(frame)
+        if frame != self.frame:
+            self.status.n_dropped += max(frame - self.frame - 1, 0)
+            self._wanted = frame
+            self._tried(self._show_frame, frame)
+            self.frame = frame
         else:
             self._stop.wait(0.005)
         self._playing = self._playing and frame < self._last
@@ -336,16 +383,3 @@ class View:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _free_port(port: int) -> int:
-    """Return the port if it is free, another free one for 0."""
-    if not 0 <= port < 65536:
-        raise InputError("must be in 0 to 65535", "port", port)
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError as error:
-            raise InputError(f"cannot be taken: {os.strerror(error.errno or 0).lower()}", "port", port) from None
-        return int(probe.getsockname()[1])

@@ -27,12 +27,12 @@ REPLIED = ("sensor", "frame", "start_s", "settled_s")
 """Fields of a command that was carried out, in the reply."""
 
 
-def zmq_library() -> Any:
+def zmq_library(where: str = "address") -> Any:
     """The library of the sockets, an extra."""
     try:
         import zmq
     except ModuleNotFoundError:
-        raise InputError("sockets need the extra serve: pip install 'warpsim[serve]'", "address") from None
+        raise InputError("sockets need the extra serve: pip install 'warpsim[serve]'", where) from None
     return zmq
 
 
