@@ -72,7 +72,7 @@ class CurveTarget:
         elif shape == "sphere" and all(p.along == (0.0, 1.0) and not p.shows_spin for p in self.patches):
             found = dict.fromkeys(_ATTITUDE, "a sphere looks the same from all sides")
         elif not (has_facets(self.shape) or any(patch.shows_spin for patch in self.patches)):
-            what = f"a {shape} with patches all around the axis" if self.patches else f"a {shape}"
+            what = f"a {shape} with such patches" if self.patches else f"a {shape}"
             found |= dict.fromkeys(("spin_rev_s", "spin_phase_rev"), f"{what} looks the same however it spins")
         found["scale"] = ""
         for name in _LENGTHS:
