@@ -306,6 +306,7 @@ def test_scene_files_keep_patches(tmp_path):
         ({"on": "faces"}, "patches[0].faces: must be given"),
         ({"on": "faces", "faces": [1]}, "patches[0].on: must be one of side, top, base of a cylinder, got 'faces'"),
         ({"on": "top", "along": [0, 0.5]}, "patches[0].along: belongs to a patch on the side, got [0.0, 0.5]"),
+        ({"on": "faces", "faces": [1, 2, 1]}, "patches[0].faces: must name each face once, got [1, 2, 1]"),
         ({"faces": [1]}, "patches[0].faces: belongs to a patch on 'faces', got [1]"),
         (
             {"surface": {"emissivity": {"A": 0.5}}},
@@ -348,6 +349,28 @@ def test_patches_do_not_overlap(first, second, is_refused):
         return
     with pytest.raises(ws.InputError, match=r"patches: patches\[0\] and patches\[1\] must not overlap"):
         make()
+
+
+@pytest.mark.parametrize(
+    ("shape", "part", "area_m2"),
+    [
+        (SHAPES[4], {"along": (0.5, 0.5 + 2.0**-40)}, np.pi * 2.0**-40),
+        (SHAPES[4], {"azimuth_deg": (0.0, 1e-10)}, np.pi * 1e-10 / 360.0),
+        (SHAPES[0], {"azimuth_deg": (0.0, 1e-10)}, 0.6 * np.pi * 1e-10 / 360.0),
+    ],
+)
+def test_thin_patches_have_their_area(shape, part, area_m2):
+    assert PatchArea(shape, ws.Patch(PAINT, **part)).surface_m2 == pytest.approx(area_m2, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("shape", "along"),
+    [(SHAPES[4], (0.0, 1e-20)), (SHAPES[4], (0.3, 0.30000000000000004)), (SHAPES[1], (1 - 1e-16, 1.0))],
+)
+def test_patches_without_area_are_refused(shape, along):
+    scene = scene_of(shape, PAINT, [ws.Patch(BARE, along=along)])
+    with pytest.raises(ws.InputError, match=r"targets\[0\]\.patches\[0\]: must be wide enough to have an area$"):
+        scene.scenario.instrument  # noqa: B018
 
 
 def test_faces_that_a_mesh_does_not_have():

@@ -48,6 +48,16 @@ def free(moments, rates_deg_s, quaternion=START):
     return ws.TorqueFree(moments=moments, rates_deg_s=rates_deg_s, quaternion=quaternion).motion(0, 0)
 
 
+@pytest.mark.parametrize("factor", [2.0**-1000, 2.0**-560, 2.0**530, 2.0**1000])
+@pytest.mark.parametrize("name", ["about the largest", "Dzhanibekov", "flat"])
+def test_only_ratios_of_moments_count(name, factor):
+    """Bit for bit where the factor is a power of 2."""
+    moments, rates_deg_s = MOTIONS[name]
+    found, expected = (free(own, rates_deg_s).at([0.0, 7.0, 1e3]) for own in (np.multiply(moments, factor), moments))
+    assert np.isfinite(expected).all()
+    np.testing.assert_array_equal(found, expected)
+
+
 def integrated(moments, rates_deg_s, times_s):
     """Rotations, and rates in body axes, by Euler's equations."""
     inertia = np.array(moments)

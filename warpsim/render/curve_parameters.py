@@ -18,6 +18,7 @@ from warpsim.errors import InputError
 from warpsim.render.target_field import motion_struct
 from warpsim.target.areas import body_struct, has_facets
 from warpsim.target.attitude import BodyMotion, turns
+from warpsim.target.patches import Patch
 from warpsim.target.surface import Graybody
 from warpsim.target.temperature import Temperature
 
@@ -59,7 +60,7 @@ class CurveTarget:
     """Shortest range of the curve."""
     phase_s: float
     """Time at which phases count."""
-    has_patches: bool
+    patches: Sequence[Patch]
 
     @cached_property
     def reasons(self) -> dict[str, str]:
@@ -68,14 +69,15 @@ class CurveTarget:
         found = dict.fromkeys(_ATTITUDE, "")
         if not isinstance(self.attitude, BodyMotion):
             found = dict.fromkeys(_ATTITUDE, "the attitude is no motion of spin, precession and rolling")
-        elif shape == "sphere" and not self.has_patches:
+        elif shape == "sphere" and all(p.along == (0.0, 1.0) and not p.shows_spin for p in self.patches):
             found = dict.fromkeys(_ATTITUDE, "a sphere looks the same from all sides")
-        elif not (has_facets(self.shape) or self.has_patches):
-            found |= dict.fromkeys(("spin_rev_s", "spin_phase_rev"), f"a {shape} looks the same however it spins")
+        elif not (has_facets(self.shape) or any(patch.shows_spin for patch in self.patches)):
+            what = f"a {shape} with such patches" if self.patches else f"a {shape}"
+            found |= dict.fromkeys(("spin_rev_s", "spin_phase_rev"), f"{what} looks the same however it spins")
         found["scale"] = ""
         for name in _LENGTHS:
             found[name] = "" if hasattr(self.shape, name) and not has_facets(self.shape) else f"a {shape} has none"
-            if not found[name] and self.has_patches:
+            if not found[name] and self.patches:
                 found[name] = "patches keep the size that they have in the scene"
         linear = isinstance(self.temperature, Temperature)
         for name in _TEMPERATURE:

@@ -16,6 +16,9 @@ F64 = npt.NDArray[np.float64]
 LEAST_SINGULAR_VALUE = 1e-8
 """Of the weighted Jacobian with columns of length 1, below which measurements do not tell its parameters apart."""
 
+LEAST_COLUMN = 1e-12
+"""Part of the weighted light's length below which a column of the weighted Jacobian is rounding: nothing is known."""
+
 _LEAST_PART = 1e-3
 """Part of the largest below which a parameter is not named in a direction."""
 
@@ -31,6 +34,8 @@ class Information:
     """Of the parameters."""
     root: F64
     """R of the matrix R'R, (n_param, n_param)."""
+    least_length: float = 0.0
+    """Length of a column of the root up to which its parameter counts as not known."""
 
     @property
     def matrix(self) -> F64:
@@ -39,9 +44,10 @@ class Information:
 
     @cached_property
     def _decomposed(self) -> tuple[F64, F64, F64]:
-        """Lengths of the columns, singular values of the scaled root, and their directions as rows."""
+        """Lengths of the columns, 0 if not known, singular values of the scaled root, and their directions as rows."""
         length = np.linalg.norm(self.root, axis=0)
-        scaled = self.root / np.where(length > 0.0, length, 1.0)
+        length[length <= self.least_length] = 0.0
+        scaled = np.where(length > 0.0, self.root, 0.0) / np.where(length > 0.0, length, 1.0)
         _, values, rows = np.linalg.svd(scaled)
         return length, values, rows
 
@@ -105,8 +111,11 @@ def _sparse(rows: F64) -> F64:
     return out
 
 
-def information_of(names: Sequence[str], weighted: F64) -> Information:
-    """Return the information of measurements by their Jacobian over their errors, (n_measured, n_param)."""
+def information_of(names: Sequence[str], weighted: F64, light: F64 | float = 0.0) -> Information:
+    """Return the information of measurements by their Jacobian over their errors, (n_measured, n_param).
+
+    What is measured, over its errors as well, tells which columns are but its rounding.
+    """
     n_param = weighted.shape[1]
     root = np.linalg.qr(np.concatenate([weighted, np.zeros((n_param, n_param))]), mode="r")
-    return Information(list(names), np.asarray(root))
+    return Information(list(names), np.asarray(root), LEAST_COLUMN * float(np.linalg.norm(light)))

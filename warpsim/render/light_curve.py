@@ -119,7 +119,7 @@ class LightCurve:
         self.phase_time_s = finite_number("phase_time_s", phase_time_s)
         own = CurveTarget(
             spec.shape, attitude, spec.surface, spec.temperature, self.bands, kelvin, nearest_m,
-            self.phase_time_s, bool(spec.patches),
+            self.phase_time_s, spec.patches,
         )  # fmt: skip
         self._sets = ParameterSets(own, own.chosen(parameters))
         self.parameters = self._sets.names
@@ -232,7 +232,8 @@ class LightCurve:
         """
         light, slopes = self.with_jacobian(np.ravel(params))
         sigma = self.sigma_w_cm2(light) if sigma_w_cm2 is None else checked_sigma(sigma_w_cm2, light.shape)
-        return information_of(self.parameters, (slopes / sigma[..., None]).reshape(-1, len(self.parameters)))
+        weighted = (slopes / sigma[..., None]).reshape(-1, len(self.parameters))
+        return information_of(self.parameters, weighted, light / sigma)
 
     def sample(self, params: npt.ArrayLike, key: int, first: int = 0) -> F64:
         """Return the irradiance with noise drawn for it [W/cm2], as a call; that of `sigma_w_cm2`, Gaussian.

@@ -28,7 +28,7 @@ F64 = npt.NDArray[np.float64]
 STRIP_DEG = 1.0
 """Largest width of the strips that a side is cut into: areas are then good to 4e-5 of the side's largest."""
 CELL_DEG = 3.0
-"""Largest size of the cells of a sphere: areas are good to 3e-4 of the disc."""
+"""Largest size of the cells of a sphere: areas are good to 4e-4 of the disc."""
 
 ON = {
     "sphere": ("side",),
@@ -73,6 +73,8 @@ class Patch:
             raise InputError("must be [first, last], up to 360 apart", "azimuth_deg", list(self.azimuth_deg))
         if self.on == "faces" and not self.faces:
             raise InputError("must be given", "faces")
+        if self.faces and len(set(self.faces)) < len(self.faces):
+            raise InputError("must name each face once", "faces", list(self.faces))
         if self.on != "faces" and self.faces is not None:
             raise InputError("belongs to a patch on 'faces'", "faces", list(self.faces))
         if self.on == "faces" and self.azimuth_deg != (0.0, 360.0):
@@ -80,6 +82,11 @@ class Patch:
         if self.on != "side" and self.along != (0.0, 1.0):
             raise InputError("belongs to a patch on the side", "along", list(self.along))
         return self
+
+    @property
+    def shows_spin(self) -> bool:
+        """Whether it looks different from other azimuths: a sector of a side or sphere, or faces; no flat end does."""
+        return self.on == "faces" or (self.on == "side" and self.azimuth_deg[1] - self.azimuth_deg[0] < 360.0)
 
 
 @dataclass(frozen=True)
@@ -105,15 +112,18 @@ class PatchArea(Areas):
         """Its facets.
 
         Raises:
-            InputError: It names faces that the mesh does not have.
+            InputError: It names faces that the mesh does not have, or is too thin to have an area.
         """
         if self.patch.on == "faces":
             return self._of_faces()
         start, end = np.radians(self.patch.azimuth_deg)
-        if self.shape.kind == "sphere":
-            return _of_sphere(self.shape.radius_m, self.patch.along, start, end)
         if self.patch.on == "side":
-            return self._of_side(start, end)
+            with np.errstate(invalid="ignore"):
+                ring = _of_sphere if self.shape.kind == "sphere" else _of_side
+                side = ring(self.shape, self.patch.along, start, end)
+            if not (side.area_m2 > 0.0).all():
+                raise InputError("must be wide enough to have an area")
+            return side
         if self.shape.kind == "plate":
             area_m2 = self.shape.width_m * self.shape.length_m
         else:
@@ -133,26 +143,28 @@ class PatchArea(Areas):
             raise InputError(f"must be below {len(whole.faces)}, the number of faces", "faces", int(number.max()))
         return OpenSurface(*merged_facets(area_vectors(whole.vertices_m, whole.faces)[number]))
 
-    def _of_side(self, start: float, end: float) -> OpenSurface:
-        radius_m, top_m, height_m = self.shape.radius_m, top_radius_m(self.shape), self.shape.height_m
-        low, high = self.patch.along
-        mean_m = radius_m + (top_m - radius_m) * 0.5 * (low + high)
-        azimuth, width = _parts(start, end, STRIP_DEG)
-        across = height_m * np.sinc(width / (2 * np.pi))
-        up = np.full(len(azimuth), radius_m - top_m)
-        vector = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), up], axis=1)
-        length = np.linalg.norm(vector, axis=1)
-        return OpenSurface(vector / length[:, None], width * mean_m * (high - low) * length)
-
 
 def _parts(start: float, end: float, largest_deg: float) -> tuple[F64, float]:
     """Middles of equal parts of an interval, and their width [rad]."""
-    n = int(np.ceil(np.degrees(end - start) / largest_deg - 1e-9))
+    n = max(1, int(np.ceil(np.degrees(end - start) / largest_deg - 1e-9)))
     width = (end - start) / n
     return np.asarray(start + width * (np.arange(n) + 0.5)), width
 
 
-def _of_sphere(radius_m: float, along: tuple[float, float], start: float, end: float) -> OpenSurface:
+def _of_side(shape: Any, along: tuple[float, float], start: float, end: float) -> OpenSurface:
+    """Strips from the patch's lower end to its upper."""
+    radius_m, top_m, height_m = shape.radius_m, top_radius_m(shape), shape.height_m
+    low, high = along
+    mean_m = radius_m + (top_m - radius_m) * 0.5 * (low + high)
+    azimuth, width = _parts(start, end, STRIP_DEG)
+    across = height_m * np.sinc(width / (2 * np.pi))
+    up = np.full(len(azimuth), radius_m - top_m)
+    vector = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), up], axis=1)
+    length = np.linalg.norm(vector, axis=1)
+    return OpenSurface(vector / length[:, None], width * mean_m * (high - low) * length)
+
+
+def _of_sphere(shape: Any, along: tuple[float, float], start: float, end: float) -> OpenSurface:
     """Rings of equal steps of the polar angle, cut into cells that are about as wide."""
     first, last = np.arccos(1.0 - 2.0 * np.array(along))  # from the base
     middle, height = _parts(first, last, CELL_DEG)
@@ -165,7 +177,7 @@ def _of_sphere(radius_m: float, along: tuple[float, float], start: float, end: f
         vector = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), np.full(len(azimuth), up)], axis=1)
         length = np.linalg.norm(vector, axis=1)
         normal.append(vector / length[:, None])
-        area.append(radius_m**2 * length)
+        area.append(shape.radius_m**2 * length)
     return OpenSurface(np.concatenate(normal), np.concatenate(area))
 
 
@@ -202,7 +214,7 @@ def patch_areas(shape: Any, patches: Sequence[Patch]) -> list[PatchArea]:
     """Return the areas of patches of a shape, their facets found.
 
     Raises:
-        InputError: A patch names faces that the mesh does not have.
+        InputError: A patch names faces that the mesh does not have, or is too thin to have an area.
     """
     found = [PatchArea(shape, patch) for patch in patches]
     for number, area in enumerate(found):

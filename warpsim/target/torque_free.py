@@ -133,7 +133,8 @@ class TorqueFreeMotion:
 @functools.lru_cache(maxsize=64)
 def _nutation(moments: tuple[float, float, float], rates_deg_s: tuple[float, float, float]) -> Nutation:
     """Return the motion of a body in its precessing axes."""
-    inertia, rate = [Fraction(value) for value in moments], [Fraction(value) for value in rates_deg_s]
+    size = Fraction(2) ** math.frexp(max(moments))[1]  # a power of 2, by which no bit changes
+    inertia, rate = [Fraction(value) / size for value in moments], [Fraction(value) for value in rates_deg_s]
     fastest = max(map(abs, rate))
     speed_rad_s = math.radians(float(fastest))
     if fastest:
