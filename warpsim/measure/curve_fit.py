@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from warpsim.arguments import finite_number, plain_array, whole_number
 from warpsim.errors import InputError
+from warpsim.instant import utc_time
 from warpsim.render.information import Information, information_of
 from warpsim.render.light_curve import LightCurve, checked_sigma
 
@@ -189,7 +190,7 @@ def _check_phase_times(rows: list[_Data]) -> None:
     for curve in [row.curve for row in rows]:
         for name in [f"{curve.target}.{own}" for own in curve.parameters if own.endswith("_phase_rev")]:
             other = first.setdefault(name, curve)
-            epochs = [one.scenario.scene.epoch for one in (other, curve)]
+            epochs = [utc_time(one.scenario.scene.epoch_utc) for one in (other, curve)]
             apart_s = (epochs[1] - epochs[0]).sec + curve.phase_time_s - other.phase_time_s
             if abs(apart_s) > _SAME_TIME_S:
                 both = " and ".join(
