@@ -232,7 +232,7 @@ def _start(names: list[str], bounds: F64, rows: list[_Data], given: Mapping[str,
 
 def _scanned(names: list[str], rows: list[_Data], values: F64, scan: Mapping[str, Any], n_start: int) -> list[F64]:
     """Best starts of a scan, which takes each target for itself."""
-    starts = [values] * n_start
+    starts = [values] * (2 * n_start)
     for target in dict.fromkeys(row.curve.target for row in rows):
         own = [row for row in rows if row.curve.target == target]
         wanted = {name: scan[name] for name in names if name in scan and name.rpartition(".")[0] == target}
@@ -289,7 +289,11 @@ def _best_of_grid(
     for _ in range(n_start):
         best = int(np.argmin(misfit))
         found.append(dict(zip(scanned, grid[best].tolist(), strict=True)))
-        misfit[(np.abs(index - index[best]) <= 1).all(axis=1)] = np.inf
+        near = (np.abs(index - index[best]) <= 1).all(axis=1)
+        misfit[best] = np.inf
+        beside = int(np.argmin(np.where(near, misfit, np.inf)))
+        found.append(dict(zip(scanned, grid[beside].tolist(), strict=True)))
+        misfit[near] = np.inf
     return found
 
 
