@@ -62,6 +62,8 @@ def test_a_scan_finds_the_rate(paper):
     assert (np.abs(found.values - truth) < 5 * sigma).all()
     assert found["center.precession_rev_s"] == found.values[0]
     assert abs(found.chi_square / found.n_freedom - 1) < 5 * np.sqrt(2 / found.n_freedom)
+    assert found.p_value > 1e-6
+    assert ws.fit([(curve, data, 1e-3 * curve.sigma_w_cm2(data))]).p_value == 0.0
     listed = {"center.precession_rev_s": [1.3, 1.37], "center.precession_phase_rev": np.linspace(0, 1, 8)}
     given = ws.fit([(curve, data, None)], start=start, scan=listed)
     np.testing.assert_allclose(given.values, found.values, atol=1e-4 * sigma.max())
@@ -130,13 +132,15 @@ def test_information_is_that_of_the_jacobian(paper):
 
 
 def test_bad_data_are_refused(paper):
-    curve = curve_of(paper)
+    curve, later = curve_of(paper), curve_of(paper, phase_time_s=607.5)
     light = curve(curve.values)
     for data, options, words in (
         ([], {}, "at least one light curve"),
         ([(curve, light)], {}, "must be \\(LightCurve"),
         ([(curve, light[1:], None)], {}, "must have the shape of its curve"),
         ([(curve, light, 0.0)], {}, "must be above 0"),
+        ([(curve, np.full_like(light, np.inf), None)], {}, "must be finite"),
+        ([(curve, light, None), (later, light, None)], {}, "precession_phase_rev must count at one time.* 607.5 s"),
         ([(curve, np.full_like(light, np.nan), None)], {}, "at least 3 numbers"),
         ([(curve, light, None)], {"start": {"precession_rev_s": 1.0}}, "among center.precession_rev_s"),
         ([(curve, light, None)], {"scan": {"nobody.scale": [1.0]}}, "among center.precession_rev_s"),

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from warpsim.arguments import finite_number, plain_array, whole_number
 from warpsim.errors import InputError
+from warpsim.instant import utc_time
 from warpsim.render.information import Information, information_of
 from warpsim.render.light_curve import LightCurve, checked_sigma
 
@@ -30,6 +31,7 @@ MOST_SETS = 2_000_000
 
 _SETS_AT_ONCE = 1024
 _TOLERANCE = 1e-12
+_SAME_TIME_S = 1e-6
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,16 @@ class Fit:
     def degenerate(self) -> str:
         """A line that names the combination of parameters that the data do not determine; empty where they do."""
         return self.information.degenerate
+
+    @property
+    def p_value(self) -> float:
+        """Chance of a chi-square this large or larger where errors and model are right; NaN without freedom.
+
+        Near 0 the search has ended in a wrong minimum, or errors or model are wrong, `converged` or not.
+        """
+        from scipy.stats import chi2
+
+        return float(chi2.sf(self.chi_square, self.n_freedom)) if self.n_freedom else float("nan")
 
     @property
     def covariance(self) -> F64:
@@ -104,16 +116,19 @@ def fit(
 
     Args:
         data: Light curves with the irradiance measured [W/cm2], of the curve's shape (n_time, n_sensor, n_band), NaN
-            where nothing was measured, and its error, of a shape that broadcasts; None is the detector's.
-        start: Values to begin with, by names as in `cone.precession_rev_s`; the scene's own when left out.
+            where nothing was measured, and its error, of a shape that broadcasts, anything where nothing was measured;
+            None is the detector's noise, its shot noise that of the light measured. Phases that curves share must count
+            at the same time (epoch and `phase_time_s`).
+        start: Values to begin with, by names as in `cone.precession_rev_s`; the scene's own when left out, of the first
+            curve that has the parameter.
         scan: Values to try, by name: a list, or for a rate [rev/s] a pair (lowest, highest), between which steps are an
             eighth of a turn over the span of the data; phases of scanned rates are tried too. All combinations of a
             target's are compared with its data, whatever the brightness.
         n_start: How many of the best combinations the fit is begun with; the best of what it finds is returned.
 
     Raises:
-        InputError: Data do not fit their curve, fewer than parameters, an unknown name, a value out of bounds, or a
-            scan of too many combinations.
+        InputError: Data do not fit their curve or are infinite, phases count at different times, fewer numbers than
+            parameters, an unknown name, a value out of bounds, or a scan of too many combinations.
     """
     from scipy.optimize import least_squares
 
@@ -162,10 +177,26 @@ def _rows(data: Sequence[Any]) -> tuple[list[str], F64, list[_Data]]:
             bounds[own] = np.array([max(low, pair[0]), min(high, pair[1])])
     names = list(bounds)
     rows = [_checked(number, item, names) for number, item in enumerate(data)]
+    _check_phase_times(rows)
     n_measured = sum(len(row.light) for row in rows)
     if n_measured < len(names):
         raise InputError(f"must hold at least {len(names)} numbers, one for each parameter", "data", n_measured)
     return names, np.array(list(bounds.values())), rows
+
+
+def _check_phase_times(rows: list[_Data]) -> None:
+    """Refuse curves that share a phase of a target but count it at different times."""
+    first: dict[str, LightCurve] = {}
+    for curve in [row.curve for row in rows]:
+        for name in [f"{curve.target}.{own}" for own in curve.parameters if own.endswith("_phase_rev")]:
+            other = first.setdefault(name, curve)
+            epochs = [utc_time(one.scenario.scene.epoch_utc) for one in (other, curve)]
+            apart_s = (epochs[1] - epochs[0]).sec + curve.phase_time_s - other.phase_time_s
+            if abs(apart_s) > _SAME_TIME_S:
+                both = " and ".join(
+                    f"{one.phase_time_s:g} s after {one.scenario.scene.epoch_utc}" for one in (other, curve)
+                )
+                raise InputError(f"{name} must count at one time in all curves, not at {both}", "data")
 
 
 def _checked(number: int, item: Any, names: list[str]) -> _Data:
@@ -174,8 +205,14 @@ def _checked(number: int, item: Any, names: list[str]) -> _Data:
     shape = (len(curve.time_s), len(curve.sensors), len(curve.bands))
     if measured.shape != shape:
         raise InputError(f"must have the shape of its curve, {shape}", f"data[{number}]", measured.shape)
-    chosen = np.isfinite(measured)
-    errors = checked_sigma(curve.sigma_w_cm2(np.nan_to_num(measured)) if sigma is None else sigma, shape)
+    if np.isinf(measured).any():
+        raise InputError("must be finite, or NaN where nothing was measured", f"data[{number}]")
+    chosen = ~np.isnan(measured)
+    if sigma is None:
+        sigma = curve.sigma_w_cm2(np.nan_to_num(measured))
+    elif np.isnan(given := plain_array(sigma, "W / cm2", f"data[{number}]")).any():
+        sigma = np.where(chosen, given, 1.0)
+    errors = checked_sigma(sigma, shape)
     columns = [names.index(f"{curve.target}.{name}") for name in curve.parameters]
     return _Data(curve, measured[chosen], errors[chosen], chosen, columns)
 
@@ -183,7 +220,7 @@ def _checked(number: int, item: Any, names: list[str]) -> _Data:
 def _start(names: list[str], bounds: F64, rows: list[_Data], given: Mapping[str, float]) -> F64:
     """Values to begin with, (n_param,)."""
     values = np.zeros(len(names))
-    for row in rows:
+    for row in reversed(rows):
         values[row.columns] = row.curve.values
     for name, value in given.items():
         values[names.index(name)] = finite_number(f"start[{name!r}]", value)
@@ -195,15 +232,14 @@ def _start(names: list[str], bounds: F64, rows: list[_Data], given: Mapping[str,
 
 def _scanned(names: list[str], rows: list[_Data], values: F64, scan: Mapping[str, Any], n_start: int) -> list[F64]:
     """Best starts of a scan, which takes each target for itself."""
-    starts = [values] * n_start
+    starts = [values] * (2 * n_start)
     for target in dict.fromkeys(row.curve.target for row in rows):
         own = [row for row in rows if row.curve.target == target]
-        columns = own[0].columns
         wanted = {name: scan[name] for name in names if name in scan and name.rpartition(".")[0] == target}
         if not wanted:
             continue
         axes = _axes(names, own, wanted)
-        best = _best_of_grid(own, columns, values, names, axes, n_start)
+        best = _best_of_grid(own, values, names, axes, n_start)
         starts = [_joined(start, better) for start, better in zip(starts, best, strict=True)]
     return starts
 
@@ -237,7 +273,7 @@ def _axes(names: list[str], rows: list[_Data], wanted: dict[str, Any]) -> dict[s
 
 
 def _best_of_grid(
-    rows: list[_Data], columns: list[int], values: F64, names: list[str], axes: dict[str, F64], n_start: int
+    rows: list[_Data], values: F64, names: list[str], axes: dict[str, F64], n_start: int
 ) -> list[dict[int, float]]:
     """Return the best combinations that are not neighbours, by the column of each parameter."""
     grid = np.stack([axis.ravel() for axis in np.meshgrid(*axes.values(), indexing="ij")], axis=-1)
@@ -253,7 +289,11 @@ def _best_of_grid(
     for _ in range(n_start):
         best = int(np.argmin(misfit))
         found.append(dict(zip(scanned, grid[best].tolist(), strict=True)))
-        misfit[(np.abs(index - index[best]) <= 1).all(axis=1)] = np.inf
+        near = (np.abs(index - index[best]) <= 1).all(axis=1)
+        misfit[best] = np.inf
+        beside = int(np.argmin(np.where(near, misfit, np.inf)))
+        found.append(dict(zip(scanned, grid[beside].tolist(), strict=True)))
+        misfit[near] = np.inf
     return found
 
 
