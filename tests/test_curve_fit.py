@@ -144,7 +144,33 @@ def test_bad_data_are_refused(paper):
         ([(curve, np.full_like(light, np.nan), None)], {}, "at least 3 numbers"),
         ([(curve, light, None)], {"start": {"precession_rev_s": 1.0}}, "among center.precession_rev_s"),
         ([(curve, light, None)], {"scan": {"nobody.scale": [1.0]}}, "among center.precession_rev_s"),
-        ([(curve, light, None)], {"scan": {"center.precession_rev_s": (0.0, 1e6)}}, "combinations"),
+        ([(curve, light, None)], {"scan": {"center.precession_rev_s": (0.0, 1e6)}}, "steps, more than"),
     ):
         with pytest.raises(ws.InputError, match=words):
             ws.fit(data, **options)
+
+
+@pytest.mark.ci
+def test_a_scan_of_few_data_over_a_long_time_ends_at_the_truth(paper):
+    """Cells beside the true one fit nearly as well, and searches from them end in other minima."""
+    time_s = np.arange(250.0, 1400.0, 40.0)
+    curve = ws.LightCurve(paper, "center", PRECESSION, time_s, ["sat11"], ["A", "C"], "cpu", phase_time_s=800.0)
+    exact = curve(curve.values)
+    found = ws.fit([(curve, exact, 1e-18)], scan={"center.precession_rev_s": (0.99, 1.01)})
+    assert found.chi_square < 1e-6 and found.p_value == 1.0
+    np.testing.assert_allclose(found.values, curve.values, atol=1e-6)
+
+
+def test_a_fit_prints_what_it_found(paper):
+    curve = curve_of(paper)
+    text = str(ws.fit([(curve, curve(curve.values), None)]))
+    assert text.startswith("Fit(chi-square ") and "center.precession_rev_s 1 +- " in text
+    sizes = curve_of(paper, ["scale", "radius_m", "height_m"])
+    assert "do not change with" in str(ws.fit([(sizes, sizes.sample(sizes.values, key=3), None)]))
+
+
+@pytest.mark.parametrize("highest", [1e20, 1e6, 1e300])
+def test_a_scan_of_too_many_rates_is_refused_before_it_is_made(paper, highest):
+    curve = curve_of(paper)
+    with pytest.raises(ws.InputError, match="steps, more than"):
+        ws.fit([(curve, curve(curve.values), None)], scan={"center.precession_rev_s": (0.0, highest)})

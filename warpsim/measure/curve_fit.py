@@ -5,6 +5,7 @@ Several targets, sensors and kinds of sensors are fitted at once: parameters of 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -34,7 +35,7 @@ _TOLERANCE = 1e-12
 _SAME_TIME_S = 1e-6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fit:
     """Parameters of targets that light curves determine."""
 
@@ -75,6 +76,13 @@ class Fit:
     def sigma(self) -> dict[str, float]:
         """Standard deviation of each estimate; InputError where they are degenerate."""
         return self.information.sigma
+
+    def __repr__(self) -> str:
+        sigma = None if self.degenerate else self.sigma
+        lines = [f"  {n} {self[n]:.8g}" + (f" +- {sigma[n]:.2g}" if sigma else "") for n in self.names]
+        end = "" if self.converged else ", not converged"
+        head = f"Fit(chi-square {self.chi_square:.6g} of {self.n_freedom}, p {self.p_value:.2g}{end}"
+        return "\n".join([head, *lines, *filter(None, [self.degenerate])]) + ")"
 
     def __getitem__(self, name: str) -> float:
         if name not in self.names:
@@ -124,7 +132,8 @@ def fit(
         scan: Values to try, by name: a list, or for a rate [rev/s] a pair (lowest, highest), between which steps are an
             eighth of a turn over the span of the data; phases of scanned rates are tried too. All combinations of a
             target's are compared with its data, whatever the brightness.
-        n_start: How many of the best combinations the fit is begun with; the best of what it finds is returned.
+        n_start: How many of the best combinations the fit is begun with, each beside its best neighbour; the best of
+            what it finds is returned.
 
     Raises:
         InputError: Data do not fit their curve or are infinite, phases count at different times, fewer numbers than
@@ -156,7 +165,8 @@ def fit(
         )
         if best is None or found.cost < best.cost:
             best = found
-    known = information_of(names, best.jac)
+    light = best.fun + np.concatenate([row.light / row.sigma for row in rows])
+    known = information_of(names, best.jac, light)
     found_at = np.where([name.endswith("_phase_rev") for name in names], best.x % 1.0, best.x)
     n_freedom = len(best.fun) - len(names)
     return Fit(names, found_at, known, float(2 * best.cost), n_freedom, bool(best.success))
@@ -257,7 +267,9 @@ def _axes(names: list[str], rows: list[_Data], wanted: dict[str, Any]) -> dict[s
     for name, given in wanted.items():
         if name.endswith("_rev_s") and isinstance(given, tuple) and len(given) == 2:
             low, high = (finite_number(f"scan[{name!r}]", rate) for rate in given)
-            n_step = int(np.ceil(abs(high - low) * max(span_s, 1e-9) / RATE_STEP_REV))
+            n_step = math.ceil(abs(high - low) * max(span_s, 1e-9) / RATE_STEP_REV)
+            if n_step > MOST_SETS:
+                raise InputError(f"has {n_step:.3g} steps, more than {MOST_SETS:.3g}", f"scan[{name!r}]", given)
             axes[name] = np.linspace(low, high, n_step + 1)
             phase = name.removesuffix("_rev_s") + "_phase_rev"
             if phase in names and phase not in wanted:
