@@ -187,8 +187,8 @@ TAIL = """\
 
 - **CUDA.** The kernels are written and compiled for it; these figures are of the CPU. The tests run on the first GPU
   where there is one.
-- **Gradients.** Images are differentiated by their sources, light curves by parameters of a target; the two are
-  chained by hand. A target's aspect as it moves, few-electron statistics and patterns of pixels are not part of
+- **Gradients.** Images are differentiated by their sources, light curves by parameters of a target, and the two are
+  chained by a sum. A target's aspect as it moves, few-electron statistics and patterns of pixels are not part of
   gradients of images. Stars' streaks are taken as straight there.
 
 What the models themselves leave out is another matter: [physics](physics.md#left-out).

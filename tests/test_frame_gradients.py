@@ -232,3 +232,29 @@ def test_moving_sources_drawn_again_are_the_image(detector):
     drawn = stars.point_images("test", True).draw().numpy().reshape(signal.shape)
     assert len(stars.stars) > 5
     assert np.abs(drawn - signal).max() < STRAIGHT * signal.max()
+
+
+@pytest.mark.ci
+def test_images_follow_the_parameters_of_a_target():
+    """Light by parameters, chained with images by light, against scenes rendered again."""
+    names, steps = ["temperature_start_k", "scale", "precession_angle_deg"], np.array([0.5, 0.002, 0.02])
+    scene = ws.Scene.load("stss").replace(optics__stamp_cut_nei=1e-4)
+    renderer = ws.Renderer(scene, "cpu")
+    asked = (range(100, 103), ["sat27", "sat47"], ["A", "C"])
+    seen = renderer.render(*asked, keep_signal=True)
+    cotangent = seen.signal_w_cm2.numpy()
+    by_light = ws.gradients(seen, cotangent, "irradiance_w_cm2")["irradiance_w_cm2"][..., 0]
+    curve = ws.LightCurve(scene, "center", names, seen.time_s, seen.sensors, seen.bands, "cpu")
+    found = np.einsum("tsb,tsbp->p", by_light, curve.jacobian(curve.values))
+
+    def value(kelvin, scale, angle_deg):
+        other = scene.replace(
+            targets__0__temperature__start_k=kelvin, targets__0__attitude__precession_angle_deg=angle_deg,
+            targets__0__shape={"kind": "cone", "radius_m": 0.25 * scale, "height_m": scale},
+        )  # fmt: skip
+        again = renderer.with_scene(other).render(*asked, keep_signal=True)
+        return (again.signal_w_cm2.numpy().astype(np.float64) * cotangent).sum()
+
+    for number, step in enumerate(np.diag(steps)):
+        up, down = (value(*(curve.values + side * step).tolist()) for side in (1, -1))
+        assert found[number] == pytest.approx((up - down) / (2 * step[number]), rel=1e-3)
