@@ -291,7 +291,8 @@ def _hostile(rng: random.Random, data: dict[str, Any]) -> bytes:
         elif isinstance(holder[key], str) and rng.random() < 0.8:
             holder[key] = rng.choice(TEXTS)
         elif isinstance(holder[key], int | float) and rng.random() < 0.4:
-            holder[key] = holder[key] * rng.choice((-1, 0.5, 2, 10, 1000, 1e-3, 1e6, 1e9))
+            factors = (-1, 0.5, 2, 10, 1000, 1e-3, 1e6, 1e9) if abs(holder[key]) < 1e290 else (-1, 2)
+            holder[key] = holder[key] * rng.choice(factors)
         else:
             holder[key] = rng.choice(NUMBERS) if rng.random() < 0.85 else rng.choice(TEXTS)
     return _json(data)
