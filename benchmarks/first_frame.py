@@ -34,8 +34,10 @@ print(json.dumps(steps))
 
 def first_frame(kernel_folder: Path, python_folder: Path, device: str) -> dict[str, float]:
     """Seconds of the steps up to the first frame, in a process that finds these folders."""
+    folders = [str(ROOT / name) for name in (".", "kernels", "catalogs")]
+    others = filter(None, [os.environ.get("PYTHONPATH")])  # as packages may be in folders of their own
     environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join(str(ROOT / name) for name in (".", "kernels", "catalogs")),
+        "PYTHONPATH": os.pathsep.join([*folders, *others]),
         "PYTHONPYCACHEPREFIX": str(python_folder),
         "WARP_CACHE_PATH": str(kernel_folder),
         "DEVICE": device,

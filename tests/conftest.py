@@ -62,5 +62,6 @@ def scene() -> ws.Scene:
 @pytest.fixture(scope="session")
 def checkout_environment() -> dict[str, str]:
     """Environment in which a child process imports the packages of this checkout."""
-    folders = (str(ROOT / name) for name in (".", "kernels", "catalogs"))
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(folders)}
+    folders = [str(ROOT / name) for name in (".", "kernels", "catalogs")]
+    others = filter(None, [os.environ.get("PYTHONPATH")])
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([*folders, *others])}

@@ -399,7 +399,10 @@ def test_devices_have_one_loading_each():
 def test_on_a_gpu_launches_find_what_was_loaded(tmp_path, checkout_environment):
     """A process with an empty cache: each module is compiled once, however it is begun, and the context is kept."""
     environment = checkout_environment | {"WARP_CACHE_PATH": str(tmp_path)}
-    code = "import warpsim as ws; ws.Renderer(ws.Scene.load('stss'), 'cuda:0').render([60], sensors=['sat11'])"
+    code = (
+        "import warp as wp; import warpsim as ws; wp.config.log_level = wp.LOG_INFO\n"
+        "ws.Renderer(ws.Scene.load('stss'), 'cuda:0').render([60], sensors=['sat11'])"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
     modules = [line.split(" load on device")[0] for line in done.stdout.splitlines() if "'cuda:0'" in line]
     assert len(modules) == len(set(modules)) >= 5

@@ -1,5 +1,7 @@
 """Memory of results: used again when nobody holds it, shared without copies, and in order on a GPU."""
 
+import collections
+import contextlib
 import ctypes
 import gc
 import threading
@@ -11,11 +13,11 @@ import warp as wp
 from warpsim_kernels.records import Observation
 
 import warpsim as ws
+from warpsim import pool as pool_module
+from warpsim.pool import Pool, come_after_all, take_released
 from warpsim.render import image_stack
-from warpsim.render import pool as pool_module
 from warpsim.render.batch import copy_views
 from warpsim.render.image_stack import ImageStack, capsule
-from warpsim.render.pool import Pool, come_after_all, take_released
 
 SHAPE = (3, 4, 5)
 
@@ -464,8 +466,23 @@ def asked(monkeypatch):
 
 
 def device(log, is_capturing=False):
+    """A stand-in that cannot be hashed, as Warp's devices cannot."""
     waits = SimpleNamespace(wait_event=lambda event: log.append(f"null stream waits for {event.cuda_event}"))
-    return SimpleNamespace(name="gpu", context=11, is_capturing=is_capturing, null_stream=waits)
+    guard = contextlib.nullcontext()
+    return SimpleNamespace(
+        name="gpu", context=11, is_capturing=is_capturing, null_stream=waits, is_cuda=True, context_guard=guard
+    )
+
+
+def test_memory_of_gpus_is_waited_for_once_for_each(monkeypatch, asked):
+    driver(monkeypatch, asked, 0)
+    one, other = device(asked), device(asked)
+    other.context = 12
+    lent = [SimpleNamespace(device=where, pinned=False) for where in (one, other, one)]
+    monkeypatch.setattr(pool_module, "_released", collections.deque(lent))
+    take_released()
+    assert [entry[0] for entry in asked if isinstance(entry, tuple)] == [11, 12]
+    assert not pool_module._released
 
 
 def driver(monkeypatch, log, status):
@@ -517,9 +534,11 @@ def test_a_blocking_stream_comes_after_a_non_blocking_one():
     assert pool_module._record_of_context() is not None, "the driver is older than CUDA 12.5"
     side, own = torch.cuda.Stream("cuda:0"), wp.Stream(where)
     values, seen = torch.zeros(1000, device="cuda:0"), wp.zeros(1000, dtype=float, device=where)
+    values.add_(0.0)  # to load its kernel would be to wait
+    torch.cuda._sleep(1)
     torch.cuda.synchronize()
     with torch.cuda.stream(side):
-        torch.cuda._sleep(50_000_000)
+        torch.cuda._sleep(1_000_000_000)
         values.add_(1.0)
     come_after_all(where)
     assert not side.query(), "the host did not wait"

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import warpsim as ws
 from warpsim.output.check import pointing_warning, scene_report
+from warpsim.pool import Pool
 from warpsim.render.batch import new_batch
 from warpsim.render.pipelines import Pipelines
-from warpsim.render.pool import Pool
 from warpsim.render.stages import aim
 
 STAR_PX = 1e-5

@@ -16,8 +16,9 @@ import warp as wp
 from warpsim_kernels.records import Observation, View
 
 import warpsim as ws
+from warpsim import pool
 from warpsim.render import batch as batches
-from warpsim.render import pipelines, pool
+from warpsim.render import pipelines
 from warpsim.render.batch import Columns, HostColumns
 from warpsim.render.image_stack import ImageStack, frames_of_key
 from warpsim.render.pipeline import Pipeline
@@ -151,7 +152,10 @@ class FakePipeline:
 
     def __init__(self, scene, n_view, n_slot, to_host):
         self.n_view, self.n_slot, self.log, self.n_byte = n_view, n_slot, scene.log, 0
-        self.stream = SimpleNamespace(record_event=lambda: self.log.append("record") or f"event of {n_slot}")
+        self.stream = SimpleNamespace(
+            record_event=lambda: self.log.append("record") or f"event of {n_slot}",
+            device=SimpleNamespace(context_guard=contextlib.nullcontext()),
+        )
 
     def begin(self, batch):
         self.log.append("begin")

@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from warpsim.pool import pinned_pool
+
 if wp.config.log_level == wp.LOG_INFO:  # Warp's own default: its banner, and a line for each module it loads
     wp.config.log_level = wp.LOG_WARNING
 
@@ -80,7 +82,7 @@ class Stage:
 
 
 PINNED_FROM_BYTES = 2**22
-"""Smaller arrays are copied to ordinary memory: pinned memory costs more to make and free than they take."""
+"""Smaller arrays are copied to ordinary memory: pinned memory costs more to make than they take."""
 
 
 def to_numpy(array: wp.array) -> npt.NDArray[Any]:
@@ -90,12 +92,24 @@ def to_numpy(array: wp.array) -> npt.NDArray[Any]:
     """
     if not array.device.is_cuda:
         return np.asarray(array.numpy())
-    n_byte = array.size * wp.types.type_size_in_bytes(array.dtype)
-    host = wp.empty(array.shape, dtype=array.dtype, device="cpu", pinned=n_byte >= PINNED_FROM_BYTES)
+    if array.size * wp.types.type_size_in_bytes(array.dtype) >= PINNED_FROM_BYTES:
+        host = pinned_pool().new(array.shape, array.dtype)
+    else:
+        host = wp.empty(array.shape, dtype=array.dtype, device="cpu")
     stream = wp.get_stream(array.device)
     wp.copy(host, array, stream=stream)
     wp.synchronize_stream(stream)
     return np.asarray(host.numpy())
+
+
+def record_event(stream: wp.Stream) -> wp.Event:
+    """Record an event in a stream.
+
+    Warp leaves it to its caller that the stream's context is the thread's, which it is not in a new thread: nothing
+    would be recorded then, and who waits for the event would not wait.
+    """
+    with stream.device.context_guard:
+        return stream.record_event()
 
 
 def wait_on_current_stream(ready: wp.Event | None, device: wp.Device) -> None:

@@ -16,8 +16,8 @@ from warpsim_kernels.records import Observation, View
 
 from warpsim.arguments import frame_numbers
 from warpsim.launches import to_numpy, wait_on_current_stream
+from warpsim.pool import Pool
 from warpsim.render.device_scene import DeviceBodies, DeviceScene
-from warpsim.render.pool import Pool
 
 StarList = tuple[npt.NDArray[Any], ...]
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import warp as wp
 
 from warpsim.launches import to_numpy, wait_on_current_stream
-from warpsim.render.pool import release_later
+from warpsim.pool import release_later
 
 
 class ImageStack:

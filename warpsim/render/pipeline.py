@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from warpsim.launches import Stage, host_arrays, to_numpy
+from warpsim.launches import Stage, host_arrays, record_event, to_numpy
+from warpsim.pool import release_later
 from warpsim.render.batch import Batch, Columns, Inputs, StarList, copy_views, new_columns, new_inputs
 from warpsim.render.buffers import (
     SOURCE_ARRAYS,
@@ -23,7 +24,6 @@ from warpsim.render.buffers import (
     part_of_sources,
 )
 from warpsim.render.device_scene import DeviceScene, moved
-from warpsim.render.pool import release_later
 from warpsim.render.schedule import images_at_a_time
 from warpsim.render.stages import (
     artifacts,
@@ -179,7 +179,7 @@ class Pipeline:
         if self._images is None and self._at_once_for(batch) is None:
             self._images = ImageStages(self.scene, self._inputs, self.columns, self.sources, self._stand_in)
         if self.stream is not None:
-            self.stream.wait_event(self.scene.device.null_stream.record_event())
+            self.stream.wait_event(record_event(self.scene.device.null_stream))
 
     def _take(self, batch: Batch, first: int, n_view: int) -> None:
         """Put what a batch asks for into the inputs."""
@@ -190,7 +190,7 @@ class Pipeline:
         if self.stream is not None:
             for here, mine in zip(vars(self._inputs).values(), self._host_inputs, strict=True):
                 copy_views(here, 0, mine, 0, n_view, self.stream)
-            self._taken = self.stream.record_event()
+            self._taken = record_event(self.stream)
 
     def render(self, batch: Batch, first: int, end: int) -> int:
         """Render views first to end of a batch; on CUDA, only ask for it. Return the longest source list required.

@@ -9,7 +9,7 @@ from concurrent.futures import Executor, Future, wait
 
 import warp as wp
 
-from warpsim.launches import to_numpy, wait_on_current_stream
+from warpsim.launches import record_event, to_numpy, wait_on_current_stream
 from warpsim.render.batch import Batch
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.pipeline import Pipeline
@@ -146,4 +146,4 @@ class Pipelines:
             if self._to_host:
                 pipeline.finish()
             else:  # there is one pipeline only
-                self._ready = pipeline.stream.record_event()
+                self._ready = record_event(pipeline.stream)

@@ -14,6 +14,7 @@ from warpsim_kernels.stamp_sizes import size_table_stamps_kernel
 
 from warpsim.arguments import whole_number
 from warpsim.errors import InputError
+from warpsim.pool import pool_of
 from warpsim.radiometry.band import Band
 from warpsim.render.batch import Batch, HostColumns, new_batch
 from warpsim.render.commanded import CommandedPointing
@@ -25,7 +26,6 @@ from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.observation import observe
 from warpsim.render.pipelines import Pipelines
-from warpsim.render.pool import pool_of
 from warpsim.render.request import Request, checked_rate, checked_request
 from warpsim.render.stars import Skies
 from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, Stream, StreamStats, stream_sizes
