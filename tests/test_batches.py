@@ -11,10 +11,11 @@ from on_devices import device_scene
 
 import warpsim as ws
 from warpsim.errors import InputError
-from warpsim.render import pipelines, schedule
+from warpsim.pool import Pool
+from warpsim.render import pipelines, schedule, stages
 from warpsim.render.batch import new_batch
+from warpsim.render.device import rows_per_block
 from warpsim.render.pipeline import Pipeline
-from warpsim.render.pool import Pool
 from warpsim.render.request import checked_frames
 
 FRAMES, SENSORS = [3, 4, 70, 71, 9], ["sat11", "sat27"]
@@ -190,19 +191,39 @@ def test_label_and_light_are_one(small, device):
 
 
 @pytest.mark.ci
-def test_images_at_a_time_fit_the_cache_of_the_device(scene, monkeypatch):
-    """On CUDA 32 MiB, but at least so many that `deposit` has threads for the device: 20 for a view of two bands."""
+def test_images_at_a_time_fit_the_cache_of_the_cpu_and_are_many_on_cuda(scene):
     scene = device_scene(scene.replace(camera=SMALL, bands=["A", "C"]), ["A", "C"], "cpu")
     gpu = dataclasses.replace(scene, device=SimpleNamespace(is_cuda=True))
-    for where, room in ((scene, 2**20), (gpu, 2**25)):
-        n_image = schedule.images_at_a_time(where, 10_000)
+    for where, room in ((scene, 2**20), (gpu, 2**29)):
+        n_image = schedule.images_at_a_time(where, 10**6)
         assert n_image * IMAGE_BYTES <= room < (n_image + 1) * IMAGE_BYTES
         assert schedule.images_at_a_time(where, 5) == 5
-    assert schedule.most_views(gpu, 100) > schedule.images_at_a_time(gpu, 10**6)
-    monkeypatch.setattr(schedule, "SIGNAL_BYTES_AT_A_TIME_CUDA", 10 * IMAGE_BYTES)
-    assert schedule.images_at_a_time(gpu, 10_000) == -(-(2**15) // 20)
-    monkeypatch.setattr(schedule, "BYTES_PER_PASS_CUDA", 100 * IMAGE_BYTES)
-    assert schedule.images_at_a_time(gpu, 10_000) == 100
+    assert schedule.most_views(gpu, 100) > schedule.images_at_a_time(scene, 10**6)
+
+
+@pytest.mark.parametrize("psf", ["airy", "gaussian"])
+@pytest.mark.parametrize("changes", SCENES.values(), ids=SCENES)
+@pytest.mark.ci
+def test_light_does_not_depend_on_the_rows_that_threads_own(psf, changes, monkeypatch):
+    """Where a stamp ends just on the edge of a thread's rows, too."""
+    scene = ws.Scene.load("stss").replace(optics__psf=psf, **changes)
+
+    def light(n_row):
+        monkeypatch.setattr(stages, "rows_per_block", lambda device, rows, n_image: n_row)
+        frames = ws.Renderer(scene, "cpu").render([60, 61], ["sat11"], keep_signal=True)
+        return frames.signal_w_cm2.numpy().copy()
+
+    whole = light(128)
+    for n_row in (1, 3, 8):
+        np.testing.assert_array_equal(light(n_row), whole)
+
+
+@pytest.mark.ci
+def test_threads_of_a_deposit_own_few_rows_on_cuda():
+    """One row of few images, up to eight of many, all on the CPU."""
+    cpu, gpu = SimpleNamespace(is_cuda=False), SimpleNamespace(is_cuda=True)
+    assert [rows_per_block(gpu, 128, n) for n in (1, 256, 512, 800, 10_000)] == [1, 1, 2, 3, 8]
+    assert rows_per_block(cpu, 128, 10_000) == 128
 
 
 EVEN = [

@@ -23,6 +23,9 @@ RUN_PIXELS = 8192
 BLOCK_PIXELS = 2 * PAIRS_PER_BLOCK
 """Pixels that share random keys."""
 
+LEAST_THREADS = 512
+"""Threads of a multiprocessor for which the compiler keeps registers, whole blocks of them."""
+
 BLOCK_SIZES = (64, 128, 256, 512, 1024)
 """Threads that a block may have: whole strips, and powers of two."""
 
@@ -70,7 +73,7 @@ def make_deposit_read_out_kernel(drawing: SpotFunctions, features: ReadOutFeatur
     if n_thread not in BLOCK_SIZES:
         raise ValueError(f"n_thread: must be one of {BLOCK_SIZES}, got {n_thread}")
     Tables, Spot, row_of, light_at = drawing.Tables, drawing.Spot, drawing.row_of, drawing.light_at
-    n_row = n_thread // COLUMN_THREADS
+    n_row, bounds = n_thread // COLUMN_THREADS, (n_thread, LEAST_THREADS // n_thread)
     noise_keys = make_noise_keys(features)
     counts_of_pairs = make_counts_of_pairs(features, n_thread)
     light_at_pixel, add_to_pixel = element_functions(RUN_PIXELS)
@@ -159,7 +162,7 @@ def make_deposit_read_out_kernel(drawing: SpotFunctions, features: ReadOutFeatur
                     store(counts, first_count + wp.uint64(at), wp.untile(counts_1))
                     store(counts, first_count + wp.uint64(at) + wp.uint64(N_PAIR), wp.untile(counts_2))
 
-    @wp.kernel(module="unique", enable_backward=False, grid_stride=False, launch_bounds=(n_thread, 2))
+    @wp.kernel(module="unique", enable_backward=False, grid_stride=False, launch_bounds=bounds)
     def deposit_read_out_kernel(
         # in
         view_frame: wp.array[wp.uint32],  # (n_view,)

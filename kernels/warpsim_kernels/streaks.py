@@ -171,8 +171,8 @@ def light_centre_px(paths: Paths, source: Source) -> wp.vec2d:
 
 @wp.func
 def is_streak_near(paths: Paths, source: Source, reach_px: float, aspect: float, window: Window) -> bool:
-    """Return whether a disc that follows the path may touch the window."""
-    box_px = wp.vec2d(wp.float64(reach_px), wp.float64(reach_px / aspect))
+    """Return whether a disc that follows the path may touch the window; a row more, as in stamp_around."""
+    box_px = wp.vec2d(wp.float64(reach_px + 1.0), wp.float64(reach_px / aspect + 1.0))
     for k in range(paths.offset_px.shape[2]):
         term = paths.offset_px[source.view, source.slot, k]
         box_px += wp.vec2d(wp.float64(wp.abs(term[0])), wp.float64(wp.abs(term[1])))

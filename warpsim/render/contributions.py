@@ -95,7 +95,8 @@ class TargetLight:
             paths = paths_struct(moving, brightness, n_target=1)
         signal = wp.zeros((n_plane, 1, *shape), dtype=wp.float32, device=device)
         rule = rule_of_band(scene.stamp_rule, band)
-        scene.psf.of_band(band).deposit(sources, rule, rows_per_block(device, shape[0]), signal, paths).run()
+        n_row = rows_per_block(device, shape[0], n_plane)
+        scene.psf.of_band(band).deposit(sources, rule, n_row, signal, paths).run()
         return to_numpy(signal)[:, 0]
 
     def contributions(self, band: int, view: int, chunk_bytes: int = CHUNK_BYTES) -> F32:

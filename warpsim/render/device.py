@@ -26,7 +26,11 @@ import warp as wp
 from warpsim.errors import InputError
 from warpsim.launches import THREADS_PER_BLOCK_CUDA
 
-ROWS_PER_BLOCK_CUDA = 4
+ROWS_PER_BLOCK_CUDA = 8
+"""Rows that a deposit thread owns on CUDA where there are many: each thread looks at all sources."""
+
+ENOUGH_THREADS_CUDA = 2**15
+"""Threads of a deposit from which on they may own several rows."""
 
 
 def default_device(device: Any = None) -> wp.Device:
@@ -67,9 +71,11 @@ def worker_count(device: wp.Device, n_thread: int | None) -> int:
     return 1 if device.is_cuda or wp.config.mode == "debug" else n_thread or n_usable_cpu()
 
 
-def rows_per_block(device: wp.Device, n_row: int) -> int:
+def rows_per_block(device: wp.Device, n_row: int, n_image: int) -> int:
     """Image rows that one deposit thread owns: all on the CPU, where a launch is one thread; few on CUDA."""
-    return ROWS_PER_BLOCK_CUDA if device.is_cuda else n_row
+    if not device.is_cuda:
+        return n_row
+    return min(max(n_image * n_row // ENOUGH_THREADS_CUDA, 1), ROWS_PER_BLOCK_CUDA)
 
 
 MOST_THREADS = 4

@@ -145,7 +145,7 @@ class PointImages:
     def draw(self) -> wp.array:
         """Return the images, float32, (n_view, n_band, n_row, n_col)."""
         images = wp.zeros((*self.sources[2].shape[:2], *self.shape), dtype=wp.float32, device=self.device)
-        n_row = rows_per_block(self.device, self.shape[0])
+        n_row = rows_per_block(self.device, self.shape[0], images.shape[0] * images.shape[1])
         self.bank.deposit(self.sources, self.rule, n_row, images, self.paths).run()
         return images
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 TILE_THREADS_CUDA = N_PAIR
 
-RUN_THREADS = 256
+RUN_THREADS = 128
 """Threads that draw and read out a run of pixels: two blocks of them fit the registers of a multiprocessor of sm_90."""
 
 
@@ -275,7 +275,7 @@ def deposit(scene: DeviceScene, sources: Any, brightness: wp.array | None, signa
     if scene.streaks.enabled:
         paths = paths_struct(sources.offset_px, brightness, scene.n_target)
     images = signal.images  # zeros
-    n_row_per_block = rows_per_block(scene.device, images.shape[2])
+    n_row_per_block = rows_per_block(scene.device, images.shape[2], len(images) * scene.n_band)
     launch = scene.psf.deposit(lists, scene.stamp_rule, n_row_per_block, images, paths, signal.touched)
     return Stage("deposit", len(images), [launch])
 
