@@ -47,7 +47,7 @@ def test_device_agrees_with_the_cpu(where):
 
 
 CPU = Plan("cpu", quick=True)
-STEPS = ["versions", "smoke", "agreement", "races", "speed", "stages", "first_frame", "peers"]
+STEPS = ["versions", "smoke", "agreement", "derivatives", "races", "speed", "stages", "first_frame", "peers"]
 
 
 @pytest.mark.slow

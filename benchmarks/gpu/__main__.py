@@ -3,11 +3,11 @@
     python -m benchmarks.gpu --out results_gpu
     python -m benchmarks.gpu --out results_gpu --quick --device cpu
 
-In this order: versions and device; a few frames; the CPU against the device, scene by scene; threads, streams and
-passes beside each other; speed with counts left on the device; time of stages; the first frame of a process; peers that
-are installed. Each step is a process of its own, as an error of CUDA is the end of a process: what fails is printed and
-recorded, and the next step goes on. Rows are kept in OUT/STEP.json as they come, how it went in OUT/summary.json. The
-exit status is 1 if anything failed.
+In this order: versions and device; a few frames; the CPU against the device, scene by scene, and their derivatives;
+threads, streams and passes beside each other; speed with counts left on the device; time of stages; the first frame of
+a process; peers that are installed. Each step is a process of its own, as an error of CUDA is the end of a process:
+what fails is printed and recorded, and the next step goes on. Rows are kept in OUT/STEP.json as they come, how it went
+in OUT/summary.json. The exit status is 1 if anything failed.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from typing import Any
 import warp as wp
 
 from benchmarks.gpu.agree import agreement
+from benchmarks.gpu.derivatives import derivatives
 from benchmarks.gpu.host import first_frames, peers, smoke, versions
 from benchmarks.gpu.plan import Plan, Row, line_of
 from benchmarks.gpu.races import races
@@ -36,9 +37,10 @@ STEPS: dict[str, tuple[Callable[[Plan], Iterator[Row]], float]] = {
     "versions": (versions, 60),
     "smoke": (smoke, 120),
     "agreement": (agreement, 360),
+    "derivatives": (derivatives, 90),
     "races": (races, 240),
-    "speed": (speed, 240),
-    "stages": (stage_times, 120),
+    "speed": (speed, 150),
+    "stages": (stage_times, 90),
     "first_frame": (first_frames, 180),
     "peers": (peers, 120),
 }

@@ -7,8 +7,10 @@ may end a pixel earlier, and a count at the edge of two may be its neighbour.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ import numpy.typing as npt
 
 import warpsim as ws
 from benchmarks.gpu.plan import Plan, Row, rows_of
+from warpsim.render.device import n_usable_cpu
 from warpsim.sky.catalog import StarCatalog
 from warpsim.speed.work import speed_work
 
@@ -31,8 +34,18 @@ DIFFERING = 1e-3
 OF_TRUTH = 1e-5
 """Relative difference of numbers of the truth; of what is below a hundredth of a column's largest, over that."""
 
+OF_BOUNDS = 3e-3
+"""The same of Cramer-Rao bounds: their slopes are differences of float32 light over 0.01 px, so that on one device,
+too, bounds of light change by up to 1.2e-3 where targets move by 1e-9 px."""
+
 MEASURED_BY = {"left_out_w_cm2": "irradiance_w_cm2", "snr_peak": "snr"}
 """Columns that are parts of others, by which their differences are measured."""
+
+OF_OWN_PIXEL = ("blend_fraction", "snr_peak", "x_sigma_px", "y_sigma_px", "irradiance_sigma_w_cm2")
+"""Columns that ask which pixel a target lies in. A tracked one may lie on the corner of four, where the last bit
+decides: these are compared for targets that are EDGE_PX and more from an edge."""
+
+EDGE_PX = 1e-6
 
 FEW_E: dict[str, Any] = {
     "exposure_s": 0.1, "full_well_e": 20000.0, "gain_e_per_count": 1.0, "bits": 16, "offset_counts": 200.0,
@@ -52,10 +65,26 @@ class Case:
     catalog: StarCatalog | None = None
 
 
+MOST_WORKERS = 8
+
+
 def agreement(plan: Plan) -> Iterator[Row]:
-    """Compare all cases."""
-    cases = {**_small(), **({} if plan.quick else {**_terms(), **_sizes(), **_presets()})}
-    return rows_of((name, partial(compared, case, plan.device)) for name, case in cases.items())
+    """Compare all cases, some at a time: most of it is compilation, one kernel after the other."""
+    if plan.quick:
+        yield from rows_of((name, partial(compared, case, plan.device)) for name, case in _small().items())
+        return
+    n_worker = max(1, min(MOST_WORKERS, n_usable_cpu() // 2))
+    with ProcessPoolExecutor(n_worker, get_context("spawn")) as workers:
+        asked = {name: workers.submit(_compared_by_name, name, plan.device) for name in _cases()}
+        yield from rows_of((name, future.result) for name, future in asked.items())
+
+
+def _cases() -> dict[str, Case]:
+    return {**_small(), **_terms(), **_later_terms(), **_sizes(), **_presets()}
+
+
+def _compared_by_name(name: str, device: str) -> Row:
+    return compared(_cases()[name], device)
 
 
 def _small() -> dict[str, Case]:
@@ -75,13 +104,31 @@ def _terms() -> dict[str, Case]:
         "all sensors and bands": Case(stss, range(60, 64)),
         "streaks": Case(moving, range(5, 45, 10), two),
         "streaks, Gaussian": Case(moving.replace(optics__psf="gaussian"), range(5, 45, 10), two),
-        "jitter": Case(moving.replace(pointing=jitter), range(5, 45, 10), two),
+        "jitter": Case(moving.replace(pointing=jitter), [5, 25], ["sat11"]),
         "rows read in turn": Case(moving.replace(detector__line_time_s=2e-3), range(5, 45, 10), two),
         "distortion": Case(stss.replace(camera__distortion={"k1": -0.05, "k2": 0.01}), range(60, 64), two),
         "in sunlight": Case(stss.replace(epoch_utc="2025-03-20T00:00:00"), range(60, 64), two),
         "NEI, all terms": Case(stss.replace(**noisy, **ODD), range(60, 64), two),
         "few electrons": Case(electrons, range(60, 64), two),
         "electrons, all terms": Case(stss.replace(detector=all_terms, **ODD), range(60, 64), two),
+    }
+
+
+def _later_terms() -> dict[str, Case]:
+    stss, two = ws.Scene.load("stss"), ["sat11", "sat47"]
+    hits = ws.RadiationHits(rate_cm2_s=2000.0, integration_s=0.1, nei_per_um=2.0, pixel_pitch_um=30.0)
+    stray = {"angle_deg": [0, 10, 30, 60, 90, 180], "ratio_sr": [1e-1, 1e-3, 1e-5, 1e-6, 1e-7, 1e-8]}
+    rows = {"detector__exposure_s": 0.032, "detector__streaks": True, "detector__line_time_s": 1e-3}
+    limb = {"kind": "fixed", "azimuth_elevation_deg": [90.0, -36.4]}
+    earth = {"zodiacal": True, "earth": True, "stray_light": stray}
+    wide = {"camera__fov_deg": 3.0, "detector__sei_w_cm2": 1e-10, "detector__nei_w_cm2": 1e-16}
+    return {
+        "hits and flicker": Case(
+            stss.replace(detector__hits=hits, detector__flicker=ws.Flicker(fraction=1e-2, nei=10.0)), [60, 61], two
+        ),
+        "zodiacal light": Case(stss.replace(background={"zodiacal": True, "stray_light": stray}), [60, 61], two),
+        "the Earth behind": Case(stss.replace(pointing=limb, background=earth, **wide), [60], two),
+        "TDI": Case(stss.replace(**rows, detector__tdi_stages=32), [60, 61], two),
     }
 
 
@@ -114,10 +161,10 @@ def compared(case: Case, device: str) -> Row:
     differ = np.abs(counts - np.stack(others))
     part, by = float((differ > 0).mean()), int(differ.max(initial=0))
     stars = _same_stars(one, two)
-    worst, error = _worst_of_truth(one, two)
+    worst, error, of_limit = _worst_of_truth(one, two)
     light = _light(one, two)
     return {
-        "ok": light["over_limit"] <= 1.0 and part < DIFFERING and by <= 1 and stars and error < OF_TRUTH,
+        "ok": light["over_limit"] <= 1.0 and part < DIFFERING and by <= 1 and stars and of_limit < 1.0,
         **light,
         "counts_differ": part,
         "by_at_most": by,
@@ -150,22 +197,31 @@ def _same_stars(one: ws.FrameSet, two: ws.FrameSet) -> bool:
     )
 
 
-def _worst_of_truth(one: ws.FrameSet, two: ws.FrameSet) -> tuple[str, float]:
-    """Column that differs most, and by how much; infinite where words, flags or what is unknown differ."""
-    differences = {name: _difference(one, two, name) for name in one.truth.colnames}
-    worst = max(differences, key=differences.__getitem__)
-    return worst, differences[worst]
+def _worst_of_truth(one: ws.FrameSet, two: ws.FrameSet) -> tuple[str, float, float]:
+    """Column that differs most over what is allowed, by how much, and over that.
+
+    Infinite where words, flags or what is unknown differ.
+    """
+    xy_px = np.stack([np.asarray(one.truth[name]) for name in ("x_px", "y_px")])
+    inside = ~(np.abs(xy_px % 1.0 - 0.5).min(axis=0) < EDGE_PX)  # pixels end half-way between whole numbers
+    everywhere = np.ones_like(inside)
+    differences = {
+        name: _difference(one, two, name, inside if name in OF_OWN_PIXEL else everywhere) for name in one.truth.colnames
+    }
+    limits = {name: OF_BOUNDS if "sigma" in name else OF_TRUTH for name in differences}
+    worst = max(differences, key=lambda name: differences[name] / limits[name])
+    return worst, differences[worst], differences[worst] / limits[worst]
 
 
-def _difference(one: ws.FrameSet, two: ws.FrameSet, name: str) -> float:
-    a, b = np.asarray(one.truth[name]), np.asarray(two.truth[name])
+def _difference(one: ws.FrameSet, two: ws.FrameSet, name: str, rows: npt.NDArray[np.bool_]) -> float:
+    a, b = np.asarray(one.truth[name])[rows], np.asarray(two.truth[name])[rows]
     if a.dtype.kind != "f":
         return 0.0 if np.array_equal(a, b) else np.inf
-    if not np.array_equal(np.isnan(a), np.isnan(b)):
+    size: npt.NDArray[Any] = np.abs(np.nan_to_num(one.truth[MEASURED_BY.get(name, name)], posinf=0.0))[rows]
+    known = np.isfinite(a) & np.isfinite(b)
+    if not np.array_equal(a[~known], b[~known], equal_nan=True):
         return np.inf
-    size: npt.NDArray[Any] = np.abs(np.asarray(one.truth[MEASURED_BY.get(name, name)]))
-    known = ~np.isnan(a)
     if not known.any():
         return 0.0
-    scale = np.maximum(size, max(0.01 * float(size[known].max()), 1e-300))
-    return float((np.abs(a - b) / scale)[known].max())
+    scale = np.maximum(size[known], max(0.01 * float(size[known].max()), 1e-300))
+    return float((np.abs(a[known] - b[known]) / scale).max())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 from functools import partial
 from typing import Any
 from unittest import mock
@@ -18,20 +19,24 @@ FRAMES = {128: (64, 512, 2048, 8192), 256: (64, 512, 2048), 512: (64, 512), 1024
 
 SMALL_FRAMES = {32: (4,)}
 N_ROUND = 7
-POOL_BYTES = 8 * 2**30
 
-SETTINGS: dict[str, dict[str, Any]] = {
-    "more memory kept": {"pool_bytes": POOL_BYTES},
-    "passes of 64 MiB": {"chunk_bytes": 64 * 2**20, "pool_bytes": POOL_BYTES},
-    "passes of 2 GiB": {"chunk_bytes": 2**31, "pool_bytes": POOL_BYTES},
-}
+SETTINGS: dict[str, dict[str, Any]] = {"passes of 64 MiB": {"chunk_bytes": 64 * 2**20}}
 """Arguments of a renderer that are tried besides the defaults."""
 
-RUN_THREADS = (128, 512)
+RUN_THREADS = (64, 256)
 """Threads that draw and read out a run of pixels, tried besides the default."""
 
-SIGNAL_MIB = (8, 32, 128, 512)
+SIGNAL_MIB = (32, 128, 512)
 """Light that goes by way of memory at a time, tried besides none: less than the cache holds, and more."""
+
+IN_MEMORY: dict[str, dict[str, Any]] = {
+    "streaks": {
+        "detector__exposure_s": 0.009, "detector__streaks": True,
+        "pointing__drift": {"urad_s": [2e4, 0.0], "reset_s": 0.01},
+    },
+    "background": {"background": {"zodiacal": True, "earth": True}},
+}  # fmt: skip
+"""Changes of the scene that have light go by way of memory; where there are streaks, the camera drifts by them."""
 
 
 def _work(plan: Plan, n_pixel: int, psf: str, n_frame: int) -> SpeedWork:
@@ -55,9 +60,12 @@ def speed(plan: Plan) -> Iterator[Row]:
         n_frame: int,
         resident: bool = True,
         patch: AbstractContextManager[Any] | None = None,
+        changes: dict[str, Any] | None = None,
         **arguments: Any,
     ) -> Row:
         work = _work(plan, n_pixel, psf, n_frame)
+        if changes:
+            work = replace(work, scene=work.scene.replace(**changes))
         with patch or nullcontext():
             renderer = ws.Renderer(work.scene, plan.device, catalog=work.catalog, **arguments)
             found = work_fps(work, renderer, _rounds(plan), resident)
@@ -82,6 +90,8 @@ def speed(plan: Plan) -> Iterator[Row]:
             cases.append(
                 (f"{name}, {n_thread} threads a run", partial(fps, n_pixel, "gaussian", n_frame, patch=threads))
             )
+        for kind, changes in IN_MEMORY.items():
+            cases.append((f"{name}, {kind}", partial(fps, n_pixel, "gaussian", n_frame, changes=changes)))
         for mib in SIGNAL_MIB:
             patch = _drawn_and_read_out_apart(mib)
             cases.append(
@@ -98,7 +108,7 @@ def _run_threads(n_thread: int) -> AbstractContextManager[Any]:
 def _drawn_and_read_out_apart(mib: int) -> Iterator[None]:
     """Light goes by way of memory, so much at a time."""
     with (
-        mock.patch.multiple(schedule, SIGNAL_BYTES_AT_A_TIME_CUDA=mib * 2**20, LEAST_DEPOSIT_THREADS_CUDA=1),
+        mock.patch.object(schedule, "SIGNAL_BYTES_AT_A_TIME_CUDA", mib * 2**20),
         mock.patch.object(pipeline, "is_read_out_at_once", return_value=False),
     ):
         yield
