@@ -6,7 +6,7 @@
 One thread, one sensor, one band of `stss`. A stage's time is the median over full chunks, its launches included; the
 whole is a call without clocks inside, so that what is no stage shows as the difference: Python between launches, and
 the first touch of new memory. On CUDA the device is waited for after each stage, which costs some microseconds of its
-own per launch (not yet measured on a GPU).
+own per launch.
 """
 
 from __future__ import annotations

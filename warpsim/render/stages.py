@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 TILE_THREADS_CUDA = N_PAIR
 
 RUN_THREADS = 128
-"""Threads that draw and read out a run of pixels: two blocks of them fit the registers of a multiprocessor of sm_90."""
+"""Threads that draw and read out a run of pixels. On an H200 256 take 1.35 times as long, and 64 take 1.2 times."""
 
 
 def view_stages(
