@@ -70,7 +70,12 @@ FACTORY_ARGUMENTS = {
         for light in (gaussian_light(), table_light(NODES), table_light(LAYOUTS[1]))
         for streaks in (False, True)
     ],
-    "make_resolution_kernel": [(gaussian_light(), False), (table_light(NODES), True), (table_light(LAYOUTS[1]), False)],
+    "make_blend_kernel": [(gaussian_light(), False), (table_light(NODES), True), (table_light(LAYOUTS[1]), False)],
+    "make_bounds_kernel": [
+        (gaussian_light(), gaussian_stamps(False), False, False),
+        (table_light(NODES), table_stamps(NODES), True, True),
+        (table_light(LAYOUTS[1]), table_stamps(LAYOUTS[1]), True, True),
+    ],
     "make_gather_kernel": [
         (gaussian_light(), gaussian_stamps(True), True, False),
         *((table_light(layout), table_stamps(layout), layout == NODES, True) for layout in LAYOUTS),

@@ -71,6 +71,43 @@ def test_bounds_are_those_of_all_pixels_in_closed_form(sigma_px, is_electrons, r
         record_accuracy(BOUNDS, np.abs(found / sigma - 1).max(), WINDOW, "relative", "closed form over all pixels")
 
 
+EXPOSED = {"detector__exposure_s": 0.5, "detector__streaks": True}
+MOVING = {
+    "still": {},
+    "straight": EXPOSED | {"pointing__drift": {"urad_s": [800.0, -300.0], "reset_s": 1.0}},
+    "jitter": EXPOSED | {"pointing__jitter": {"rms_urad": 100.0, "correlation_s": 0.3}},
+}
+PSFS = {"airy": {"optics__psf": "airy", "optics__sigma_px": None}, "gaussian": {}}
+
+
+@pytest.mark.parametrize("psf", PSFS.values(), ids=PSFS)
+@pytest.mark.parametrize("changes", MOVING.values(), ids=MOVING)
+@pytest.mark.ci
+def test_bounds_are_those_of_the_image_as_it_is_drawn(psf, changes):
+    """By its Jacobian source by source, summed over the pixels about the target; 1e-9: sums in another order."""
+    frames = rendered([60], sensors=["sat11"], **psf, **changes)
+    jacobian, band = frames.point_images("bounds", False).jacobian(), frames.bands[0]
+    levels, camera = frames.instrument.levels[band], frames.instrument.sensor.camera
+    variance = levels.nei_w_cm2**2 * (1 + 1 / (12 * levels.counts_per_nei**2))
+    names = list(dict.fromkeys(frames.truth["target"]))
+    rows = [row for row in frames.truth if row["band"] == band and np.isfinite(row["x_sigma_px"])]
+    way_px = np.abs(frames._host.offset_px[0]).sum(axis=1)
+    assert len(rows) > 20
+    for row in rows:
+        number = names.index(row["target"])
+        (item,) = np.flatnonzero((jacobian.source == number) & (jacobian.band == 0))
+        left, right, top, bottom = jacobian.window[item]
+        whole = np.zeros((4, camera.n_row, camera.n_col))
+        whole[:, top:bottom, left:right] = jacobian.image(item)
+        column, line = (int(np.floor(row[name] + 0.5)) for name in ("x_px", "y_px"))
+        across, down = (int(n) for n in np.ceil(1.5 * np.array(merge_px(frames.instrument, band)) + way_px[number]))
+        part = whole[:, max(line - down, 0) : line + down + 1, max(column - across, 0) : column + across + 1]
+        slopes = np.stack([part[1], part[2], part[0] * row["irradiance_w_cm2"]])
+        sigma = np.sqrt(np.diag(np.linalg.inv(np.einsum("aij,bij->ab", slopes / variance, slopes))))
+        found = [row["x_sigma_px"], row["y_sigma_px"], row["irradiance_sigma_w_cm2"] / row["irradiance_w_cm2"]]
+        np.testing.assert_allclose(found, sigma, rtol=1e-9)
+
+
 @pytest.mark.ci
 def test_a_fit_of_images_reaches_the_bounds(record_accuracy):
     """Draws of noise about the image that was rendered, each fitted: standard deviations within 5 of their own."""

@@ -6,7 +6,7 @@ import warp as wp
 from drawing import draw, stamp_fractions
 from scipy import special
 from streak_oracles import airy_streak, even_times, fine_times, gaussian_streak, legendre
-from warpsim_kernels.streaks import Paths
+from warpsim_kernels.streaks import Paths, source_of, streak_length_px
 
 import warpsim as ws
 from warpsim.optics.pattern import annular_transfer
@@ -52,6 +52,29 @@ def paths_of(movement_px, brightness, device, n_target=None):
     paths.brightness = wp.array(np.asarray(brightness)[None, None], dtype=wp.float32, device=device)
     paths.n_target = len(brightness) if n_target is None else n_target
     return paths
+
+
+@wp.kernel
+def lengths_kernel(paths: Paths, aspect: float, length_px: wp.array[float]):
+    slot = wp.tid()
+    source = source_of(0, 0, slot, wp.vec2d(), 1.0)
+    length_px[slot] = streak_length_px(paths, source, aspect)
+
+
+@pytest.mark.parametrize("n_term", [2, 4, 5, 8, 33])
+@pytest.mark.ci
+def test_lengths_are_those_at_the_highest_speed(n_term):
+    """Never less than dense samples have it; of many terms 8.3 % more at most, for a straight path nothing."""
+    movement = as_float32(np.random.default_rng(n_term).normal(size=(50, n_term, 2)))
+    length_px, aspect = wp.zeros(50, dtype=float, device="cpu"), 0.8
+    wp.launch(lengths_kernel, 50, [paths_of(movement, np.ones((50, 1)), "cpu"), aspect], [length_px], device="cpu")
+    t = np.linspace(-1, 1, 20001)
+    speed = np.polynomial.legendre.legval(t, np.polynomial.legendre.legder(movement, axis=1).transpose(1, 0, 2))
+    highest = 2 * np.linalg.norm(speed * [[[1.0], [aspect]]], axis=1).max(axis=1)
+    over = length_px.numpy() / highest
+    assert over.min() > 1 - 1e-5
+    if n_term > 4:
+        assert over.max() < 1.083
 
 
 STREAKS = {

@@ -12,7 +12,7 @@ from warpsim_kernels.deposit_gaussian import GAUSSIAN_SIMD_WIDTH, GaussianTables
 from warpsim_kernels.deposit_table import make_deposit_table_kernel, pattern_tables
 from warpsim_kernels.psf_cells import layout_functions
 from warpsim_kernels.records import Sources
-from warpsim_kernels.resolution import make_resolution_kernel
+from warpsim_kernels.resolution import make_blend_kernel
 from warpsim_kernels.spots import SpotFunctions, gaussian_spots, table_spots
 from warpsim_kernels.stamp_light import (
     LightFunctions,
@@ -190,13 +190,21 @@ class PsfBank:
         inputs = [*sources, self.tables, rule, *_movement(paths, outputs[0].device)]
         _launch(make_light_kernel(self._light, paths is not None), inputs, outputs)
 
-    def measure_resolution(
-        self, targets: Any, rule: Any, merge_px: wp.array, noise: Any, outputs: list[wp.array], moving: bool
-    ) -> None:
-        """Tell how well targets can be told apart and measured; structs and arrays as the kernel has them."""
+    def measure_blends(self, targets: Any, rule: Any, outputs: list[wp.array], moving: bool) -> None:
+        """Tell how near targets are and how their light mixes; structs and arrays as the kernel has them."""
         rules = streak_rules(outputs[0].device) if moving else StreakRules()
-        inputs = [targets, self.tables, rule, rules, merge_px, noise]
-        _launch(make_resolution_kernel(self._light, moving), inputs, outputs)
+        _launch(make_blend_kernel(self._light, moving), [targets, self.tables, rule, rules], outputs)
+
+    def measure_bounds(
+        self, targets: Any, rule: Any, noise: Any, windows: list[wp.array], outputs: list[wp.array], moving: bool
+    ) -> None:
+        """Tell how well targets can be measured; structs and arrays as the kernel has them."""
+        from warpsim_kernels.bounds import make_bounds_kernel
+
+        rules = streak_rules(outputs[0].device) if moving else StreakRules()
+        stamps = self._stamps(with_sigma=False)
+        kernel = make_bounds_kernel(self._light, stamps, moving, self._layout is not None)
+        _launch(kernel, [targets, self.tables, rule, rules, noise, *windows], outputs)
 
     @property
     def _light(self) -> LightFunctions:

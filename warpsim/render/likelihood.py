@@ -13,10 +13,10 @@ import numpy.typing as npt
 from warpsim.detector.detectors import ElectronDetector
 from warpsim.detector.levels import ElectronLevels
 from warpsim.errors import InputError
+from warpsim.render.bounds import full_w_cm2
 from warpsim.render.frameset import FrameSet
 from warpsim.render.gradients import checked_parameters, gradients
 from warpsim.render.irradiance import irradiance_of
-from warpsim.render.resolution import full_w_cm2
 from warpsim.scene.instrument import Instrument
 
 F64 = npt.NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""How well targets can be told apart and measured in images: neighbours, clumps, blended light, Cramer-Rao bounds."""
+"""How well targets can be told apart in images: neighbours, clumps, blended light."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.records import BEHIND
-from warpsim_kernels.resolution import PixelNoise, TargetImages, find_clumps_kernel
+from warpsim_kernels.resolution import TargetImages, find_clumps_kernel
 from warpsim_kernels.streaks import Paths
 
-from warpsim.detector.levels import ElectronLevels, noise_variance
 from warpsim.launches import Launch, to_numpy
 from warpsim.optics.enclosed import box_half_width_px
 from warpsim.optics.psf_bank import paths_struct
 from warpsim.render.batch import HostColumns
+from warpsim.render.bounds import cramer_rao_bounds
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.device_upload import table_accuracy
 from warpsim.scene.instrument import Instrument
@@ -24,6 +24,11 @@ from warpsim.scene.instrument import Instrument
 BOX_FRACTION = 0.84
 """Part of a point's light that its box holds, pixels included; of an Airy pattern about that within the first dark
 ring."""
+
+
+WINDOW = 1.5
+"""Pixels within so many merging distances of a target are fitted: what lies farther out makes bounds a few percent
+smaller."""
 
 
 def blur_half_px(instrument: Instrument, band: str) -> tuple[float, float]:
@@ -41,15 +46,6 @@ def merge_px(instrument: Instrument, band: str) -> tuple[float, float]:
     """
     half_x_px, half_y_px = blur_half_px(instrument, band)
     return half_x_px + 0.5, half_y_px + 0.5
-
-
-def full_w_cm2(instrument: Instrument, band: str) -> float:
-    """Return the light in a pixel from which on it, or the converter, is full [W/cm2]."""
-    levels = instrument.levels[band]
-    if isinstance(levels, ElectronLevels):  # the converter's end is part of the SEI
-        return levels.sei_w_cm2
-    most_nei = (2.0**instrument.sensor.detector.bits - 1.0 - levels.blank_counts) / levels.counts_per_nei
-    return min(levels.sei_w_cm2, most_nei * levels.nei_w_cm2)
 
 
 def resolution_columns(scene: DeviceScene, bands: Sequence[str], seen: HostColumns) -> dict[str, npt.NDArray[Any]]:
@@ -71,14 +67,12 @@ def resolution_columns(scene: DeviceScene, bands: Sequence[str], seen: HostColum
     merging = wp.array([merge_px(instrument, band) for band in bands], dtype=wp.vec2d, device=device)
     parent, n_member, clump = (wp.empty(shape, dtype=wp.int32, device=device) for _ in range(3))
     nearest, own, others = (wp.full(shape, np.nan, dtype=wp.float64, device=device) for _ in range(3))
-    sigma = wp.full(shape, wp.vec3d(np.nan, np.nan, np.nan), dtype=wp.vec3d, device=device)
     if parent.size:
         Launch(find_clumps_kernel, shape[:2], [targets, merging], [parent, n_member, clump], device).run()
-        noise = _pixel_noise(instrument, bands, device)
-        outputs = [nearest, own, others, sigma]
-        scene.psf.measure_resolution(targets, scene.stamp_rule, merging, noise, outputs, scene.streaks.enabled)
+        scene.psf.measure_blends(targets, scene.stamp_rule, [nearest, own, others], scene.streaks.enabled)
     near_px, own_w_cm2, others_w_cm2 = (to_numpy(array) for array in (nearest, own, others))
-    bound = to_numpy(sigma).reshape(*shape, 3)
+    half_px = WINDOW * np.array([merge_px(instrument, band) for band in bands]).reshape(-1, 2)
+    bound = cramer_rao_bounds(scene, bands, targets, seen, half_px)
     whole = own_w_cm2 + others_w_cm2
     return {
         "neighbour_px": np.where(np.isinf(near_px), np.nan, near_px),
@@ -105,19 +99,3 @@ def _target_images(scene: DeviceScene, seen: HostColumns, irradiance_w_cm2: npt.
         targets.background_w_cm2 = here.background_w_cm2
     targets.paths = paths_struct(here.offset_px, here.brightness, scene.n_target) if scene.streaks.enabled else Paths()
     return targets
-
-
-def _pixel_noise(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> Any:
-    """The kernels' PixelNoise; rounding to counts included."""
-    variance, shot, sei = [], [], []
-    for band in bands:
-        blank, per_light = noise_variance(instrument.sensor.detector, instrument.levels[band])
-        variance.append(blank)
-        shot.append(per_light)
-        sei.append(full_w_cm2(instrument, band))
-    noise: Any = PixelNoise()
-    noise.variance_w2_cm4, noise.shot_w_cm2, noise.sei_w_cm2 = (
-        wp.array(values, dtype=wp.float64, device=device) for values in (variance, shot, sei)
-    )
-    noise.n_row, noise.n_col = instrument.sensor.camera.n_row, instrument.sensor.camera.n_col
-    return noise

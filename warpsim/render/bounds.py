@@ -1,0 +1,120 @@
+"""Cramer-Rao bounds of targets in images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+from warpsim_kernels.resolution import TargetImages
+from warpsim_kernels.streaks import Paths
+
+from warpsim.detector.levels import ElectronLevels, noise_variance
+from warpsim.launches import to_numpy
+from warpsim.optics.psf_bank import paths_struct
+from warpsim.render.batch import HostColumns
+from warpsim.render.device_scene import DeviceScene
+from warpsim.scene.instrument import Instrument
+
+Ints = npt.NDArray[np.int64]
+
+MOST_VALUES = 2**22
+"""Pixels about moving targets that are held at a time, of 32 bytes; those of one view at least."""
+
+
+def full_w_cm2(instrument: Instrument, band: str) -> float:
+    """Return the light in a pixel from which on it, or the converter, is full [W/cm2]."""
+    levels = instrument.levels[band]
+    if isinstance(levels, ElectronLevels):  # the converter's end is part of the SEI
+        return levels.sei_w_cm2
+    most_nei = (2.0**instrument.sensor.detector.bits - 1.0 - levels.blank_counts) / levels.counts_per_nei
+    return min(levels.sei_w_cm2, most_nei * levels.nei_w_cm2)
+
+
+def cramer_rao_bounds(
+    scene: DeviceScene, bands: Sequence[str], targets: Any, seen: HostColumns, half_px: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Return the bounds of x and y [px] and of the light over itself, (view, band, target, 3); NaN without light.
+
+    Args:
+        scene: What was rendered.
+        bands: Names of the bands.
+        targets: The kernels' TargetImages, of the same views.
+        seen: Columns of the views.
+        half_px: Columns and rows to each side of a target, or of its path, that are fitted, (n_band, 2).
+    """
+    instrument, moving = scene.instrument, scene.streaks.enabled
+    shape = tuple(targets.irradiance_w_cm2.shape)
+    found = np.full((*shape, 3), np.nan)
+    if found.size == 0:
+        return found
+    noise = _pixel_noise(instrument, bands, scene.device)
+    windows = _windows(instrument, seen, half_px)
+    n_pixel = (windows[..., 1] - windows[..., 0]) * (windows[..., 3] - windows[..., 2])
+    for first, end in _parts(n_pixel.reshape(shape[0], -1).sum(axis=1) if moving else np.zeros(shape[0], np.int64)):
+        part = _part(targets, first, end, moving)
+        sigma = wp.full(part.irradiance_w_cm2.shape, wp.vec3d(np.nan), dtype=wp.vec3d, device=scene.device)
+        own = n_pixel[first:end] if moving else n_pixel[:0]
+        starts = (np.cumsum(own) - own.ravel()).reshape(own.shape)
+        kinds = ((windows[first:end], wp.vec4i), (starts, wp.int32))
+        given = [wp.array(array.astype(np.int32), dtype=dtype, device=scene.device) for array, dtype in kinds]
+        values = wp.empty(int(own.sum()), dtype=wp.vec4d, device=scene.device)
+        scene.psf.measure_bounds(part, scene.stamp_rule, noise, given, [sigma, values], moving)
+        found[first:end] = to_numpy(sigma).reshape(end - first, *shape[1:], 3)
+    return found
+
+
+def _windows(instrument: Instrument, seen: HostColumns, half_px: npt.NDArray[np.float64]) -> Ints:
+    """First and end of columns, then of rows, that are fitted, cut to the image, (view, band, target, 4)."""
+    camera = instrument.sensor.camera
+    middle = np.floor(np.nan_to_num(seen.observations["xy_px"], nan=-1e9) + 0.5)[:, None]
+    way_px = np.abs(seen.offset_px).sum(axis=2, dtype=np.float64)[:, None]  # Legendre polynomials are at most 1
+    half = np.ceil(half_px[:, None] + way_px)
+    size = np.array([camera.n_col, camera.n_row])
+    low = np.clip(middle - half, 0, size).astype(np.int64)
+    high = np.clip(middle + half + 1, low, size).astype(np.int64)
+    return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=-1)
+
+
+def _parts(n_value: Ints) -> Iterator[tuple[int, int]]:
+    """First and end of views whose values are held together."""
+    first, held = 0, 0
+    for view, n in enumerate(n_value.tolist()):
+        if held and held + n > MOST_VALUES:
+            yield first, view
+            first, held = view, 0
+        held += n
+    yield first, len(n_value)
+
+
+def _part(targets: Any, first: int, end: int, moving: bool) -> Any:
+    """The kernels' TargetImages of some views."""
+    part: Any = TargetImages()
+    for name in ("xy_px", "irradiance_w_cm2", "background_w_cm2"):
+        whole = getattr(targets, name)
+        if whole is not None and whole.size:
+            setattr(part, name, whole[first:end])
+    part.paths = Paths()
+    if moving:
+        paths = targets.paths
+        part.paths = paths_struct(paths.offset_px[first:end], paths.brightness[first:end], paths.n_target)
+    return part
+
+
+def _pixel_noise(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> Any:
+    """The kernels' PixelNoise; rounding to counts included."""
+    variance, shot, sei = [], [], []
+    for band in bands:
+        blank, per_light = noise_variance(instrument.sensor.detector, instrument.levels[band])
+        variance.append(blank)
+        shot.append(per_light)
+        sei.append(full_w_cm2(instrument, band))
+    from warpsim_kernels.bounds import PixelNoise  # with the kernels of gradients, which take time to import
+
+    noise: Any = PixelNoise()
+    noise.variance_w2_cm4, noise.shot_w_cm2, noise.sei_w_cm2 = (
+        wp.array(values, dtype=wp.float64, device=device) for values in (variance, shot, sei)
+    )
+    return noise
