@@ -53,7 +53,7 @@ FACTORY_ARGUMENTS = {
     "make_light_curve_kernel": [(Features(),), (OF_CURVES,)],
     "make_light_curve_slopes_kernel": [(Features(),), (OF_CURVES,)],
     "make_background_nodes_kernel": [(True, True)],
-    "make_add_background_kernel": [(False,), (True,)],
+    "make_add_background_kernel": [(False, 64), (True, 64)],
     "make_background_of_targets_kernel": [(True,)],
     "make_profile_kernel": [(Features(profile=True),), (EVERYTHING._replace(patches=True),)],
     "make_reach_kernel": [(False,), (True,)],

@@ -504,12 +504,13 @@ def add_disc(
     first: int,
     n_pixel: int,
     thread: int,
+    n_thread: int,
     signal_w_cm2: wp.array[float],
 ):
     """Replace the sky by the disc in pixels of a row of a cell that all lie on it; a thread's own share of them."""
     area = along_row(background.pixel_sr, background, node, v)
     emitted, reflected = background.earth.disc_w_cm2_sr[band, 0], background.earth.disc_w_cm2_sr[band, 1]
-    for pixel in range(thread, n_pixel, wp.block_dim()):
+    for pixel in range(thread, n_pixel, n_thread):
         i = float(pixel)
         radiance = emitted + reflected * wp.max(cosine.start + cosine.slope * i, 0.0)
         light = radiance * (area.start + area.slope * i) - (sky.start + sky.slope * i)
@@ -531,11 +532,11 @@ def earth_at(background: Background, earth_km: wp.array2d[float], band: int, nod
 
 
 @functools.cache
-def make_add_background_kernel(earth: bool) -> wp.Kernel:
+def make_add_background_kernel(earth: bool, n_thread: int) -> wp.Kernel:
     """Kernel over rows of images: add the background to each pixel, and flag all strips.
 
-    On CUDA the threads of a block share a row, and each has its own pixels of it. On the CPU there is one thread to a
-    row, and runs of pixels are tiles, which the compiler turns into vector instructions.
+    The n_thread threads of a block share a row, and each has its own pixels of it. Where there is one, on the CPU, runs
+    of pixels are tiles, which the compiler turns into vector instructions.
     """
 
     @wp.func
@@ -557,6 +558,8 @@ def make_add_background_kernel(earth: bool) -> wp.Kernel:
         if wp.static(False):
             _a = ramp
         item, thread = wp.tid()
+        if wp.static(n_thread == 1):
+            thread = 0  # known to the compiler
         image = item // n_row
         row = item - image * n_row
         n_band = sky_w_cm2.shape[1]
@@ -575,7 +578,7 @@ def make_add_background_kernel(earth: bool) -> wp.Kernel:
             end = wp.min(first + background.step_px, n_col)
             sky = along_row(sky_w_cm2[view, band], background, node, v)
             n_whole = int(0)
-            if wp.block_dim() == 1:
+            if wp.static(n_thread == 1):
                 n_whole = (end - first) // RUN
             for run in range(n_whole):
                 at = begin + first + run * RUN
@@ -584,16 +587,17 @@ def make_add_background_kernel(earth: bool) -> wp.Kernel:
                 start = sky.start + sky.slope * float(run * RUN)
                 brighter = wp.tile_map(ramp, light, i, start, sky.slope)
                 wp.tile_store(signal_w_cm2, brighter, offset=at, bounds_check=False)
-            for col in range(first + n_whole * RUN + thread, end, wp.block_dim()):
+            for col in range(first + n_whole * RUN + thread, end, wp.static(n_thread)):
                 signal_w_cm2[begin + col] = signal_w_cm2[begin + col] + sky.start + sky.slope * float(col - first)
             if wp.static(earth):
                 heights = earth_km[view, 0]
                 if earth_cell_is_disc(heights, background, node):
                     cosine = along_row(earth_km[view, 1], background, node, v)
-                    add_disc(background, band, cosine, sky, node, v, begin + first, end - first, thread, signal_w_cm2)
+                    n_pixel, own = end - first, wp.static(n_thread)
+                    add_disc(background, band, cosine, sky, node, v, begin + first, n_pixel, thread, own, signal_w_cm2)
                 elif not earth_cell_is_dark(heights, background, node):
                     area = along_row(background.pixel_sr, background, node, v)
-                    for col in range(first + thread, end, wp.block_dim()):
+                    for col in range(first + thread, end, wp.static(n_thread)):
                         u = float(col - first) / float(background.step_px)
                         seen = earth_at(background, earth_km[view], band, node, u, v)
                         hidden = seen[1] * (sky.start + sky.slope * float(col - first))

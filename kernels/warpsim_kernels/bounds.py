@@ -75,7 +75,7 @@ def make_bounds_kernel(light: LightFunctions, stamps: StampFunctions, streaks: b
         wide: As in stroke_functions.
     """
     Tables, reach_of, aspect_of = light[:3]
-    pixel_slopes = stamps.pixel_slopes
+    grid_of, pixel_slopes = stamps.grid_of, stamps.pixel_slopes
     strokes_of, near_of, stroke_of = stroke_functions(light, wide)
 
     @wp.func
@@ -93,11 +93,12 @@ def make_bounds_kernel(light: LightFunctions, stamps: StampFunctions, streaks: b
             for draw in range(strokes.n_draw):
                 stroke = stroke_of(strokes, targets.paths, rules, source, panel, draw, near, whole_plane())
                 rows = stroke.stamp.window
+                grid = grid_of(tables, source.band, stroke.xy_px)
                 for row in range(wp.max(rows.first_row, window.first_row), wp.min(rows.end_row, window.end_row)):
                     columns = columns_of_row(stroke.stamp, row)
                     at = first + (row - window.first_row) * n_col - window.first_column
                     for column in range(wp.max(columns[0], window.first_column), wp.min(columns[1], window.end_column)):
-                        slopes = pixel_slopes(tables, source.band, stroke.xy_px, column, row)
+                        slopes = pixel_slopes(tables, source.band, grid, column, row)
                         values[at + column] = values[at + column] + stroke.weight * slopes
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -132,6 +133,7 @@ def make_bounds_kernel(light: LightFunctions, stamps: StampFunctions, streaks: b
         else:
             reach_px = reach_of(tables, band, stamp_cut(irradiance, band, rule))
             stamp = stamp_around(xy_px, reach_px, aspect_of(tables, band), window)
+        grid = grid_of(tables, band, xy_px)
         fisher = wp.mat33d()
         for row in range(window.first_row, window.end_row):
             columns = wp.vec2i(window.first_column, window.end_column)
@@ -145,7 +147,7 @@ def make_bounds_kernel(light: LightFunctions, stamps: StampFunctions, streaks: b
                     n_col = window.end_column - window.first_column
                     value = values[at + (row - window.first_row) * n_col + column - window.first_column]
                 else:
-                    value = pixel_slopes(tables, band, xy_px, column, row)
+                    value = pixel_slopes(tables, band, grid, column, row)
                 value *= wp.float64(irradiance)
                 if value[0] > wp.float64(0.0) and value[0] + background < noise.sei_w_cm2[band]:
                     slope = wp.vec3d(value[1], value[2], value[0])

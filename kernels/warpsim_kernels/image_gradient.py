@@ -250,7 +250,7 @@ def make_gather_kernel(light: LightFunctions, stamps: StampFunctions, streaks: b
 def make_jacobian_kernel(light: LightFunctions, stamps: StampFunctions, streaks: bool, wide: bool) -> wp.Kernel:
     """Kernel of the Jacobian: images of fractions and their derivatives, a window for each source."""
     Tables, reach_of, aspect_of = light[:3]
-    pixel_slopes = stamps.pixel_slopes
+    grid_of, pixel_slopes = stamps.grid_of, stamps.pixel_slopes
     strokes_of, near_of, stroke_of = stroke_functions(light, wide)
 
     @wp.func
@@ -260,11 +260,12 @@ def make_jacobian_kernel(light: LightFunctions, stamps: StampFunctions, streaks:
     ):  # fmt: skip
         """Add a stamp to the values of a window, which begin at `first`."""
         n_col = window.end_column - window.first_column
+        grid = grid_of(tables, band, xy_px)
         for row in range(stamp.window.first_row, stamp.window.end_row):
             columns = columns_of_row(stamp, row)
             for column in range(columns[0], columns[1]):
                 at = first + (row - window.first_row) * n_col + column - window.first_column
-                values[at] = values[at] + weight * pixel_slopes(tables, band, xy_px, column, row)
+                values[at] = values[at] + weight * pixel_slopes(tables, band, grid, column, row)
 
     @wp.kernel(module="unique", enable_backward=False)
     def jacobian_kernel(

@@ -242,15 +242,27 @@ def cell_slopes(degree: int) -> SlopeFunctions:
             total += part * wp.vec3d(slopes.value[k], slopes.by_x[k], slopes.by_y[k])
         return total
 
+    @wp.func_native(
+        snippet=f"""
+        const float* near = table.data + at;
+        double value = 0.0, across = 0.0, down = 0.0;
+        #pragma unroll
+        for (int k = 0; k < {n_term}; ++k) {{
+            const double c = near[k * {TABLE_SIMD_WIDTH}];
+            value += c * by_light[k];
+            across += c * by_x[k];
+            down += c * by_y[k];
+        }}
+        return wp::vec_t<3, wp::float64>(value, across, down);"""
+    )
+    def weighted(table: wp.array[float], at: int, by_light: Terms, by_x: Terms, by_y: Terms) -> wp.vec3d:
+        """Sums of a pixel's coefficients, which begin at `at`, with weights of three kinds."""
+
     @wp.func
     def pixel(table: wp.array[float], psf: TablePsf, slopes: Slopes, row: Row, step: int, pixel: int) -> wp.vec3d:
         block = wp.min(pixel // psf.block_px, psf.n_block - 1)
         at = row.first + block * psf.n_row * wp.static(n_term * TABLE_SIMD_WIDTH) + pixel - block * psf.block_px
-        total = wp.vec3d()
-        for k in range(wp.static(n_term)):
-            value = wp.float64(load(table, at + TABLE_SIMD_WIDTH * k))
-            total += value * wp.vec3d(slopes.value[k], slopes.by_x[k], slopes.by_y[k])
-        return total
+        return weighted(table, at, slopes.value, slopes.by_x, slopes.by_y)
 
     return SlopeFunctions(Sums, Slopes, slopes_in, add_row, totals, pixel)
 

@@ -40,8 +40,11 @@ class StampFunctions(NamedTuple):
     """(canvas, tables, band: int, xy_px, stamp) -> vec4d: the cotangent times pixel fractions, and times their
     derivatives by x, y and the Gaussian's sigma (0 for patterns), summed over a stamp."""
 
+    grid_of: Any
+    """(tables, band: int, xy_px) -> how a source lies on the grid of pixels, for all pixels of its stamp."""
+
     pixel_slopes: Any
-    """(tables, band: int, xy_px, column: int, row: int) -> vec4d: of one pixel, the fraction and its derivatives."""
+    """(tables, band: int, grid, column: int, row: int) -> vec4d: of one pixel, the fraction and its derivatives."""
 
 
 draw = canvas_functions(TABLE_SIMD_WIDTH)
@@ -135,25 +138,41 @@ def table_stamps(layout: TableLayout) -> StampFunctions:
                 total += gather_wings(canvas, xy_px, psf, stamp, served)
         return wp.vec4d(total[0], total[1], total[2], wp.float64(0.0))
 
+    @wp.struct
+    class Grid:
+        xy_px: wp.vec2d
+        column: int  # of the pixel that holds the source
+        row: int
+        offset: read.Offset
+        slopes: slope.Slopes
+
     @wp.func
-    def pixel_slopes(tables: Tables, band: int, xy_px: wp.vec2d, column: int, row: int) -> wp.vec4d:
+    def grid_of(tables: Tables, band: int, xy_px: wp.vec2d) -> Grid:
+        grid = Grid()
+        grid.xy_px = xy_px
+        grid.column = nearest_pixel(xy_px[0])
+        grid.row = nearest_pixel(xy_px[1])
+        dx_px = wp.float64(grid.column) - xy_px[0]
+        dy_px = wp.float64(grid.row) - xy_px[1]
+        grid.offset = offset_in(dx_px, dy_px, tables.psfs[band])
+        grid.slopes = slopes_in(dx_px, dy_px, tables.psfs[band])
+        return grid
+
+    @wp.func
+    def pixel_slopes(tables: Tables, band: int, grid: Grid, column: int, row: int) -> wp.vec4d:
         psf = tables.psfs[band]
-        dx_px = wp.float64(nearest_pixel(xy_px[0])) - xy_px[0]
-        dy_px = wp.float64(nearest_pixel(xy_px[1])) - xy_px[1]
-        offset = offset_in(dx_px, dy_px, psf)
-        row_step = row - nearest_pixel(xy_px[1])
-        in_row = row_in(offset, row_step, psf)
-        step = column - nearest_pixel(xy_px[0])
+        row_step = row - grid.row
+        in_row = row_in(grid.offset, row_step, psf)
+        step = column - grid.column
         found = wp.vec3d()
-        if in_row.first < 0 or step < offset.first_step or step >= offset.end_step:
-            aspect = wp.float64(psf.pixel_aspect)
-            found = wing_slopes(psf, wp.float64(column) - xy_px[0], (wp.float64(row) - xy_px[1]) * aspect)
+        if in_row.first < 0 or step < grid.offset.first_step or step >= grid.offset.end_step:
+            dx, dy = wp.float64(column) - grid.xy_px[0], wp.float64(row) - grid.xy_px[1]
+            found = wing_slopes(psf, dx, dy * wp.float64(psf.pixel_aspect))
         else:
-            slopes = slopes_in(dx_px, dy_px, psf)
-            found = slopes_of_pixel(tables.table, psf, slopes, in_row, row_step, psf.zero_pixel + step)
+            found = slopes_of_pixel(tables.table, psf, grid.slopes, in_row, row_step, psf.zero_pixel + step)
         return wp.vec4d(found[0], found[1], found[2], wp.float64(0.0))
 
-    return StampFunctions(Tables, gather, pixel_slopes)
+    return StampFunctions(Tables, gather, grid_of, pixel_slopes)
 
 
 @wp.func
@@ -242,6 +261,15 @@ def by_sigma(sigma_px: float, source_px: wp.float64, first: int) -> Wide:
     return values
 
 
+@wp.struct
+class GaussianGrid:
+    """How a source lies on the grid of pixels."""
+
+    xy_px: wp.vec2d
+    across: EdgeSlopes
+    down: EdgeSlopes
+
+
 @functools.cache
 def gaussian_stamps(with_sigma: bool) -> StampFunctions:
     """Functions of Gaussians; derivatives by sigma are 0 unless asked for."""
@@ -306,18 +334,25 @@ def gaussian_stamps(with_sigma: bool) -> StampFunctions:
         return total
 
     @wp.func
-    def pixel_slopes(tables: GaussianTables, band: int, xy_px: wp.vec2d, column: int, row: int) -> wp.vec4d:
+    def grid_of(tables: GaussianTables, band: int, xy_px: wp.vec2d) -> GaussianGrid:
         psf = tables.psfs[band]
-        across_at = edge_slopes(psf.columns, xy_px[0])
-        down_at = edge_slopes(psf.rows, xy_px[1])
-        columns = axis_values(tables.fractions, psf.columns, across_at, column)
-        rows = axis_values(tables.fractions, psf.rows, down_at, row)
+        grid = GaussianGrid()
+        grid.xy_px = xy_px
+        grid.across = edge_slopes(psf.columns, xy_px[0])
+        grid.down = edge_slopes(psf.rows, xy_px[1])
+        return grid
+
+    @wp.func
+    def pixel_slopes(tables: GaussianTables, band: int, grid: GaussianGrid, column: int, row: int) -> wp.vec4d:
+        psf = tables.psfs[band]
+        columns = axis_values(tables.fractions, psf.columns, grid.across, column)
+        rows = axis_values(tables.fractions, psf.rows, grid.down, row)
         across = columns.value[0]
         down = rows.value[0]
         wider = wp.float64(0.0)
         if wp.static(with_sigma):
-            wider = by_sigma(psf.sigma_px[0], xy_px[0], column)[0] * down
-            wider = (wider + across * by_sigma(psf.sigma_px[1], xy_px[1], row)[0]) / wp.float64(psf.sigma_px[0])
-        return wp.vec4d(across * down, columns.slope[0] * down, across * rows.slope[0], wider)
+            wider = by_sigma(psf.sigma_px[0], grid.xy_px[0], column)[0] * down
+            wider = (wider + across * by_sigma(psf.sigma_px[1], grid.xy_px[1], row)[0]) / wp.float64(psf.sigma_px[0])
+        return wp.vec4d(columns.value[0] * down, columns.slope[0] * down, across * rows.slope[0], wider)
 
-    return StampFunctions(GaussianTables, gather, pixel_slopes)
+    return StampFunctions(GaussianTables, gather, grid_of, pixel_slopes)

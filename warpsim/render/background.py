@@ -21,6 +21,7 @@ from warpsim_kernels.background import (
     make_background_of_targets_kernel,
     stray_light_kernel,
 )
+from warpsim_kernels.canvas import N_PAIR
 from warpsim_kernels.records import View
 
 from warpsim.background.earth_limb import limb_profile
@@ -61,6 +62,8 @@ class DeviceBackground:
     stray_kernel: wp.Kernel
     nodes_kernel: wp.Kernel
     add_kernel: wp.Kernel
+    n_thread: int
+    """Threads of its blocks, each of which is a row of an image."""
     targets_kernel: wp.Kernel
     image_w_cm2: wp.array | None
     """The user's light of every pixel, (n_band, n_row, n_col)."""
@@ -94,6 +97,7 @@ def make_background(
         struct.earth = _earth_struct(tracks, some, scenario.scene.lighting, device)
     if stray is not None:
         struct.stray = _stray_struct(stray, scenario, some, device)
+    n_thread = N_PAIR if device.is_cuda else 1
     return DeviceBackground(
         struct,
         len(direction),
@@ -101,7 +105,8 @@ def make_background(
         stray is not None,
         stray_light_kernel,
         make_background_nodes_kernel(wanted.earth, stray is not None),
-        make_add_background_kernel(wanted.earth),
+        make_add_background_kernel(wanted.earth, n_thread),
+        n_thread,
         make_background_of_targets_kernel(wanted.earth),
         None if wanted.image is None else _image(wanted.image, instrument, bands, device),
     )

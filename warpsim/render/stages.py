@@ -231,7 +231,6 @@ def background(
     assert own is not None
     n_image, (n_row, n_col) = n_view * scene.n_band, signal.images.shape[2:]
     sky, earth = nodes.sky_w_cm2[:n_view], nodes.earth_km[:n_view]
-    block_dim = TILE_THREADS_CUDA if scene.device.is_cuda else 1
     launches = [
         Launch(
             own.add_kernel,
@@ -239,7 +238,7 @@ def background(
             [own.struct, sky, earth, n_col, n_row],
             [signal.flat, signal.touched.flatten()],
             scene.device,
-            block_dim,
+            own.n_thread,
         )
     ]
     if own.image_w_cm2 is not None:
