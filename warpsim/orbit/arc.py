@@ -22,7 +22,7 @@ from warpsim.constants import DAY_S, EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
 from warpsim.errors import InputError
 from warpsim.instant import Instant, instant, instant_of, years_ahead
 from warpsim.orbit.earth import geodetic_altitude_m, geodetic_to_gcrs_m, geodetic_to_itrs_m, pole_of_date
-from warpsim.orbit.elements import entries
+from warpsim.orbit.elements import LARGEST_SPEED_M_S, entries
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.two_body import lambert
 
@@ -126,7 +126,7 @@ class BallisticArc:
 
         Raises:
             InputError: When the ends are 180 degrees apart, the flight would pass through the Earth (duration too
-                short or too long for free flight), or the shooting does not converge.
+                short or too long for free flight), start faster than 1e6 m/s, or the shooting does not converge.
         """
         return self.flight().start_velocity_m_s
 
@@ -201,6 +201,9 @@ class Flight:
         except InputError as error:
             raise error.of(f"no arc between the end points in {duration_s:g} s") from None
         self._check_above_ground(start, velocity)
+        if (speed_m_s := float(np.linalg.norm(velocity))) > LARGEST_SPEED_M_S:
+            rule = f"gives a start speed of {speed_m_s:.3g} m/s, must be at most {LARGEST_SPEED_M_S:g} m/s"
+            raise InputError(f"{duration_s:g} s {rule}", "duration_s")
         solved = velocity if self.arc.gravity == "two_body" else self._shoot(start, end, velocity)
         solved.setflags(write=False)
         return solved
