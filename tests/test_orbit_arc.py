@@ -146,6 +146,14 @@ def test_arcs_that_no_body_flies_are_refused_before_they_are_integrated(gravity,
         paper_arc(gravity=gravity, **changes).start_velocity_m_s  # noqa: B018
 
 
+def test_flights_longer_than_a_scene_are_refused():
+    """They would be integrated for hours."""
+    assert paper_arc(duration_s=31 * 86400.0).duration_s == 31 * 86400.0
+    for duration_s in (31 * 86400.0 + 1.0, 6e11):
+        with pytest.raises(InputError, match=r"duration_s: must be at most 2.6784e.06 \(31 days\)"):
+            paper_arc(duration_s=duration_s)
+
+
 def test_paper_flight_in_two_body_gravity():
     arc = paper_arc(gravity="two_body")
     assert arc.apogee_altitude_km == pytest.approx(825.37, abs=0.005)  # printed digits of the check figure

@@ -34,6 +34,9 @@ F64 = NDArray[np.float64]
 DEFAULT_EPOCH_UTC = "2000-01-01T12:00:00"
 """The instant of time 0 of an arc that is used by itself and states none."""
 
+LONGEST_ARC_S = 31 * DAY_S
+"""Longest flight: as a scene's; it is integrated step by step, some times over."""
+
 _SAME_EPOCH_S = 1e-6
 # Newton stops here; the result misses the end point by the rounding of the propagation, some 1e-8 m.
 _MISS_M = 1e-6
@@ -74,7 +77,7 @@ class BallisticArc:
     end_lon_lat_deg: LonLat
     """East longitude and WGS84 geodetic latitude at time duration_s."""
     duration_s: Positive
-    """Time of flight."""
+    """Time of flight, up to 31 days."""
     endpoint_altitude_km: Number
     """Height of both ends above the WGS84 ellipsoid."""
     gravity: Gravity = "j2"
@@ -92,6 +95,8 @@ class BallisticArc:
         if not self.endpoint_altitude_km > -100.0:
             rule = "must be > -100 (heights are above WGS84)"
             raise InputError(rule, "endpoint_altitude_km", self.endpoint_altitude_km, "g")
+        if self.duration_s > LONGEST_ARC_S:
+            raise InputError(f"must be at most {LONGEST_ARC_S:g} (31 days)", "duration_s", self.duration_s, "g")
         return self
 
     def flight(self, epoch: Epoch | None = None) -> Flight:
