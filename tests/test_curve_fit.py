@@ -169,6 +169,48 @@ def test_a_fit_prints_what_it_found(paper):
     assert "do not change with" in str(ws.fit([(sizes, sizes.sample(sizes.values, key=3), None)]))
 
 
+def test_parameters_that_end_on_a_bound_are_named(paper):
+    """Light of more than a black body, then of less than nothing; an angle beside it has no bounds."""
+    curve = curve_of(paper, ["emissivity.A", "precession_angle_deg"])
+    sigma = curve.sigma_w_cm2(curve(curve.values))
+    ends = curve(np.array([[0.0, 3.0], [1.0, 3.0]]))
+    for beyond, ended_at in ((1.1, 1.0), (-0.1, 0.0)):
+        found = ws.fit([(curve, ends[0] + beyond * (ends[1] - ends[0]), sigma)])
+        assert found.at_bound == ["center.emissivity.A"] and found.converged
+        assert abs(found["center.emissivity.A"] - ended_at) < 1e-12
+        assert "on a bound: center.emissivity.A" in str(found)
+    inside = ws.fit([(curve, ends[0] + 0.999 * (ends[1] - ends[0]), sigma)])
+    assert inside.at_bound == [] and "bound" not in str(inside)
+
+
+@pytest.mark.parametrize(
+    ("target", "parameters"),
+    [
+        ("cylinder01", ["precession_angle_deg", "rolling_phase_rev"]),
+        ("center", ["scale", "radius_m", "height_m"]),
+        ("center", PRECESSION),
+    ],
+)
+def test_a_fit_that_starts_at_the_truth_returns_at_once(paper, monkeypatch, target, parameters):
+    """Without noise nothing is left to improve, also where the data do not determine the parameters."""
+    curve = curve_of(paper, parameters, target)
+    light, calls = curve(curve.values), []
+    jacobian = ws.LightCurve.jacobian
+    monkeypatch.setattr(ws.LightCurve, "jacobian", lambda *arguments: calls.append(1) or jacobian(*arguments))
+    found = ws.fit([(curve, light, None)])
+    np.testing.assert_array_equal(found.values, curve.values)
+    assert found.converged and found.chi_square == 0.0 and found.p_value == 1.0
+    assert len(calls) == 1 and bool(found.degenerate) == (parameters != PRECESSION)
+
+
+def test_a_fit_of_no_light_returns(paper):
+    """A target that no sensor sees: nothing changes with its parameters, and the fit says so."""
+    curve = ws.LightCurve(paper, "center", PRECESSION, np.array([0.0, 1.0]), ["sat47"], ["A", "C"], "cpu")
+    assert not curve(curve.values).any()
+    found = ws.fit([(curve, np.full((2, 1, 2), 1e-18), 1e-18)])
+    assert abs(found.chi_square - 4.0) < 1e-12 and "precession_rev_s" in found.degenerate
+
+
 @pytest.mark.parametrize("highest", [1e20, 1e6, 1e300])
 def test_a_scan_of_too_many_rates_is_refused_before_it_is_made(paper, highest):
     curve = curve_of(paper)

@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import warpsim as ws
-from warpsim.render.view_sources import camera_slopes
+from warpsim.render import frameset
+from warpsim.render.view_sources import camera_slopes, sources_of_views
 
 BASE = {"optics__psf": "gaussian", "optics__sigma_px": 0.8, "sky__catalog": "default", "optics__stamp_cut_nei": 1e-4}
 SENSORS = ["sat11", "sat27"]
@@ -33,6 +34,10 @@ def test_sources_drawn_again_are_the_image(frames):
     np.testing.assert_array_equal(drawn, signal)
 
 
+CUT = 1e-5
+"""Of the largest pixel's derivative: light outside of stamps, which frames cut at 1e-4 NEI and deposits at 1e-9."""
+
+
 def test_gradients_by_sources_are_those_of_deposit(frames, cotangent):
     """Of one image after the other, by the sources' own list in the truth."""
     found = ws.gradients(frames, cotangent, ["x_px", "y_px", "irradiance_w_cm2"])
@@ -47,13 +52,16 @@ def test_gradients_by_sources_are_those_of_deposit(frames, cotangent):
                 [[row["x_px"], row["y_px"]]], [1.0], ws.PsfGaussian(0.8), frames.counts.shape[3:], flux_error=1e-9
             )
             whole = one.matrix(by=["light"]).T @ cotangent[f, s, b].ravel()
-            assert abs(found["irradiance_w_cm2"][f, s, b, i] - whole[0]) < 1e-3 * abs(cotangent).max()
+            assert abs(found["irradiance_w_cm2"][f, s, b, i] - whole[0]) < CUT * abs(cotangent).max()
         assert view < 8
     assert found["x_px"].shape == (2, 2, len(frames.scene.target_names))
     assert found["irradiance_w_cm2"].shape == (2, 2, 2, len(frames.scene.target_names))
 
 
 TURNED = 1e-9
+"""Of the largest slope: rounding of positions, some 1e-13 px, over the oracle's steps of 3e-5 rad."""
+SIDEWAYS_PX = 1e-6
+"""Of a shift by 7e-3 px: the lens bends it, by the second order of a turn by 1e-6 rad."""
 
 
 @pytest.mark.parametrize("lens", [{}, LENS], ids=["pinhole", "lens"])
@@ -76,12 +84,14 @@ def test_camera_slopes_are_those_of_turned_axes(lens):
         np.testing.assert_allclose(slopes[:, :, number], expected, atol=TURNED * np.abs(expected).max())
         moved = camera.project(z[None] + 1e-6 * np.cross(vector, z), axes)[0] - camera.centre_px
         if number < 2:
-            assert moved[0, number] > 0 and abs(moved[0, 1 - number]) < 1e-6
+            assert moved[0, number] > 0 and abs(moved[0, 1 - number]) < SIDEWAYS_PX
     assert (slopes[:, 0, 0] < 0).all() and (slopes[:, 1, 1] < 0).all()  # the sky moves the other way
 
 
-RENDERED = 2e-4
-"""Of a gradient: float32 images, the ends of stamps, and the second order of a turn of some 1e-2 px."""
+RENDERED = 1e-3
+"""Of the largest slope: float32 pixels differenced over 4e-3 px, stamps that end elsewhere, cells of Airy tables."""
+ROLL_ARM = 0.05
+"""Slopes by roll over those by the boresight: sources lie so far from the image's middle, in focal lengths."""
 
 
 @pytest.mark.ci
@@ -120,8 +130,14 @@ def test_gradients_by_the_camera_are_those_of_scenes_rendered_again(changes):
             h = step * (50.0 if turn == 2 else 1.0)
             slope = (value(turn, h, view) - value(turn, -h, view)) / (2 * h)
             mine = found["boresight_rad"][0, view, turn] if turn < 2 else found["roll_rad"][0, view]
-            scale = max(np.abs(found["boresight_rad"][0, view])) * (0.05 if turn == 2 else 1.0)
-            assert abs(slope - mine) < 3e-3 * max(abs(mine), scale)
+            scale = max(np.abs(found["boresight_rad"][0, view])) * (ROLL_ARM if turn == 2 else 1.0)
+            assert abs(slope - mine) < RENDERED * max(abs(mine), scale)
+
+
+POSITION = 1e-8
+"""Of the largest slope: the oracle's differences over 400 m, at ranges from 1e6 m, have errors of second order."""
+SAME_SUM = 1e-12
+"""The same products in another order: rounding."""
 
 
 def test_gradients_by_position_and_range(frames, cotangent):
@@ -135,7 +151,7 @@ def test_gradients_by_position_and_range(frames, cotangent):
             range_m = np.linalg.norm(away[view, target])
             unit = away[view, target] / range_m
             by_range = (-2 * light[view, :, target] / range_m * found["irradiance_w_cm2"][f, s, :, target]).sum()
-            assert abs(found["range_m"][f, s, target] - by_range) <= 1e-12 * abs(by_range)
+            assert abs(found["range_m"][f, s, target] - by_range) <= SAME_SUM * abs(by_range)
             expected = by_range * unit
             for axis in range(3):
                 h = 200.0 * np.eye(3)[axis]
@@ -143,7 +159,7 @@ def test_gradients_by_position_and_range(frames, cotangent):
                 slope = (up - down) / 400.0
                 expected[axis] += slope @ [found["x_px"][f, s, target], found["y_px"][f, s, target]]
             mine = found["target_position_m"][f, s, target]
-            np.testing.assert_allclose(mine, expected, atol=1e-6 * np.abs(expected).max())
+            np.testing.assert_allclose(mine, expected, rtol=0, atol=POSITION * np.abs(expected).max())
             n_seen += 1
     assert n_seen > 8
 
@@ -157,8 +173,18 @@ def test_streaks_have_gradients_by_their_paths():
     n_path = frames.truth["dx_px"].size and found["path_px"].shape[3]
     assert n_path >= 3
     for axis, name in enumerate(("x_px", "y_px")):  # the coefficient of degree 0 shifts the whole path
-        np.testing.assert_allclose(found["path_px"][..., 0, axis], found[name], rtol=1e-12, atol=1e-9)
+        atol = SAME_SUM * np.abs(found[name]).max()
+        np.testing.assert_allclose(found["path_px"][..., 0, axis], found[name], rtol=0, atol=atol)
     assert np.abs(found["path_px"][..., 1, :]).max() > 0
+
+
+def test_sources_are_found_once(frames, cotangent, monkeypatch):
+    """However many parameters are asked for, sources are laid out and sent to the device once."""
+    calls = []
+    monkeypatch.setattr(frameset, "sources_of_views", lambda *given: calls.append(1) or sources_of_views(*given))
+    found = ws.gradients(frames, cotangent, ["x_px", "boresight_rad", "roll_rad", "sigma_px", "range_m"])
+    assert len(calls) == 1
+    np.testing.assert_array_equal(found["roll_rad"], ws.gradients(frames, cotangent, "roll_rad")["roll_rad"])
 
 
 def test_bad_requests_are_refused(frames, cotangent):
@@ -174,6 +200,12 @@ def test_bad_requests_are_refused(frames, cotangent):
     airy = ws.Renderer(ws.Scene.load("stss"), device="cpu").render([60], SENSORS[0], "A")
     with pytest.raises(ws.InputError, match="only Gaussian point spread functions have one"):
         ws.gradients(airy, np.zeros(airy.counts.shape), "sigma_px")
+
+
+BIASED = 1e-4
+"""Of the largest change: float32 images differenced over some 1e-2 px, and stamps that end elsewhere."""
+SMALL_ANGLE = 1e-9
+"""Chords over angles of 3e-6 rad, less 1, with rounding of axes, 1e-16, over that."""
 
 
 @pytest.mark.ci
@@ -196,9 +228,10 @@ def test_a_bias_of_the_pointing_is_a_turn_of_the_boresight():
     for up, down in (turned[:2], turned[2:]):
         # What the bias turned, seen in the axes without: towards larger x and y, twice the step apart.
         moved = np.einsum("sij,sj->si", axes, up.axes_icrs[0, :, 2] - down.axes_icrs[0, :, 2])[:, :2]
-        assert np.allclose(np.linalg.norm(moved, axis=1), 2e-6 * step, rtol=1e-3)
+        assert np.allclose(np.linalg.norm(moved, axis=1), 2e-6 * step, rtol=SMALL_ANGLE, atol=0)
         change = value(up) - value(down)
-        np.testing.assert_allclose(change, (found * moved).sum(axis=1), atol=2e-3 * np.abs(found).max() * 2e-6 * step)
+        atol = BIASED * np.abs(found).max() * 2e-6 * step
+        np.testing.assert_allclose(change, (found * moved).sum(axis=1), rtol=0, atol=atol)
 
 
 def test_views_and_bands_at_once_are_bit_for_bit_those_alone(frames, cotangent):
@@ -215,8 +248,8 @@ def test_views_and_bands_at_once_are_bit_for_bit_those_alone(frames, cotangent):
 
 
 EXPOSED = {"kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 3e-15, "exposure_s": 0.5}
-STRAIGHT = 2e-3
-"""Of the brightest pixel: the bend of stars' paths, of which only the ends are kept."""
+STRAIGHT = 2e-4
+"""Of the brightest pixel: the bend of stars' paths, of which only the ends are kept, below 1e-3 px."""
 
 
 @pytest.mark.ci
@@ -232,6 +265,10 @@ def test_moving_sources_drawn_again_are_the_image(detector):
     drawn = stars.point_images("test", True).draw().numpy().reshape(signal.shape)
     assert len(stars.stars) > 5
     assert np.abs(drawn - signal).max() < STRAIGHT * signal.max()
+
+
+CHAINED = 1e-3
+"""Of a slope: light in float32, rounded by 6e-8 of it, over steps that change it by some 1e-4."""
 
 
 @pytest.mark.ci
@@ -257,4 +294,4 @@ def test_images_follow_the_parameters_of_a_target():
 
     for number, step in enumerate(np.diag(steps)):
         up, down = (value(*(curve.values + side * step).tolist()) for side in (1, -1))
-        assert found[number] == pytest.approx((up - down) / (2 * step[number]), rel=1e-3)
+        assert found[number] == pytest.approx((up - down) / (2 * step[number]), rel=CHAINED)

@@ -12,7 +12,7 @@ from skyfield.api import load, wgs84
 
 from warpsim.errors import InputError
 from warpsim.instant import instant
-from warpsim.orbit.arc import BallisticArc
+from warpsim.orbit.arc import BallisticArc, Flight
 from warpsim.orbit.two_body import lambert
 
 MU, RADIUS, J2 = 3.986004418e14, 6378137.0, 1.0826266835e-3
@@ -119,6 +119,8 @@ def test_lambert_satisfies_lamberts_theorem():
     [
         ([-9e6, 0, 0], 3000.0, "180 degrees"), ([9e6, 0, 0], 3000.0, "0 or 180"), ([0, 7e6, 0], 0.0, "duration_s"),
         ([0, 7e6, 0], np.nan, "duration_s"), ([0, np.nan, 0], 1.0, "finite"), ([0, 0, 0], 1.0, "apart"),
+        ([0, 7e6, 0], 1e-260, "duration_s: is too short for a conic, got 1e-260"),
+        ([2e6, 9e6, 1e6], 1e-30, "too short"), ([7e6, 1.0, 0], 1e-200, "too short"),
     ],
 )  # fmt: skip
 def test_lambert_names_what_is_degenerate(r2, duration_s, word):
@@ -126,6 +128,30 @@ def test_lambert_names_what_is_degenerate(r2, duration_s, word):
         lambert([7e6, 0.0, 0.0], r2, duration_s)
     with pytest.raises(InputError, match="direction"):
         lambert([7e6, 0.0, 0.0], [0.0, 7e6, 0.0], 900.0, "up")
+
+
+@pytest.mark.parametrize("gravity", ["two_body", "j2"])
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"duration_s": 1e-30}, "^no arc between the end points in 1e-30 s: duration_s: is too short for a conic"),
+        ({"duration_s": 1e-3}, r"^duration_s: 0.001 s gives a flight \d+ km below the ground$"),
+        ({"duration_s": 1.0, "endpoint_altitude_km": 3000.0}, "^duration_s: 1 s gives a start speed of 1.24e.07 m/s"),
+        ({"duration_s": 1e-3, "end_lon_lat_deg": (129.68, 40.87)}, "speed of 1.42e.06 m/s, must be at most 1e.06 m/s$"),
+    ],
+)
+def test_arcs_that_no_body_flies_are_refused_before_they_are_integrated(gravity, changes, words, monkeypatch):
+    monkeypatch.setattr(Flight, "_shoot", None)
+    with pytest.raises(InputError, match=words):
+        paper_arc(gravity=gravity, **changes).start_velocity_m_s  # noqa: B018
+
+
+def test_flights_longer_than_a_scene_are_refused():
+    """They would be integrated for hours."""
+    assert paper_arc(duration_s=31 * 86400.0).duration_s == 31 * 86400.0
+    for duration_s in (31 * 86400.0 + 1.0, 6e11):
+        with pytest.raises(InputError, match=r"duration_s: must be at most 2.6784e.06 \(31 days\)"):
+            paper_arc(duration_s=duration_s)
 
 
 def test_paper_flight_in_two_body_gravity():

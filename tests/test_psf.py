@@ -265,6 +265,39 @@ def test_bad_files(tmp_path):
         ws.Optics(aperture_m=0.4, psf="table", psf_file=str(tmp_path / "gone.npy"), psf_oversample=2.0).file_checksums  # noqa: B018
 
 
+@pytest.mark.parametrize("write", [write_npy, write_fits])
+@pytest.mark.parametrize(
+    ("sample", "words"),
+    [
+        (np.nan, "must be finite, got 1 bad values"),
+        (np.inf, "must be finite, got 1 bad values"),
+        (-1.0, "must hold no negative samples, clip them at 0, got 1"),
+    ],
+)
+def test_errors_of_bad_samples_name_their_file(tmp_path, write, sample, words):
+    good, bad = (tmp_path / f"{name}.{'npy' if write is write_npy else 'fits'}" for name in ("good", "bad"))
+    image = gauss_image((9, 9), 5.0, (0.6, 0.6))
+    write(good, image)
+    image[4, 3] = sample
+    write(bad, image)
+    changes = {"optics__psf": "table", "optics__psf_oversample": 5.0, "bands": ["A", "C"]}
+    scene = ws.Scene.load("stss").replace(**changes, optics__psf_file={"A": str(good), "C": str(bad)})
+    with pytest.raises(InputError) as error:
+        ws.Renderer(scene, "cpu")
+    assert str(error.value) == f"optics.psf_file: {bad}: {words}"
+
+
+def test_errors_of_files_without_a_pattern_name_them(tmp_path):
+    camera = ws.Camera(n_row=8, n_col=8, fov_deg=1.0)
+    for number, (image, words) in enumerate(
+        ((np.zeros((3, 3)), "must have a positive sum"), (np.ones((1, 2049)), "sides must be 1 to 2048"))
+    ):
+        np.save(tmp_path / f"{number}.npy", image)
+        path = str(tmp_path / f"{number}.npy")
+        with pytest.raises(InputError, match=rf"{number}\.npy: {words}"):
+            ws.Optics(aperture_m=0.4, psf="table", psf_file=path, psf_oversample=2.0).psf_for("A", camera)
+
+
 def test_a_missing_file_is_found_before_any_work(tmp_path):
     scene = ws.Scene.load("stss").replace(
         optics__psf="table", optics__psf_file=str(tmp_path / "gone.npy"), optics__psf_oversample=2.0

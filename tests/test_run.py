@@ -21,7 +21,8 @@ from scipy.spatial.transform import Rotation
 import warpsim as ws
 from warpsim.cli import main
 from warpsim.files import sha256_of, whole_file
-from warpsim.output import preview, wording, zarr_array
+from warpsim.optics.wcs import tan_keywords
+from warpsim.output import fits_cube, preview, wording, zarr_array
 from warpsim.output.fits_cube import read_cube
 from warpsim.output.growing import GrowingFiles
 from warpsim.output.image_files import read_image
@@ -92,6 +93,20 @@ def test_cubes_are_plain_fits_to_others(folder):
         assert file[0].data.dtype == np.uint16
         assert file[0].data.shape == (6, 128, 128)
         assert file["FRAMES"].columns.names[:3] == ["FRAME", "TIME_S", "DATE_OBS"]
+
+
+def test_tables_of_cubes_are_made_once_for_all_bands(scene, folder, tmp_path, monkeypatch):
+    """Of a sensor; bytes of the files are those that astropy appends."""
+    made = []
+    monkeypatch.setattr(fits_cube, "tan_keywords", lambda *given: made.append(1) or tan_keywords(*given))
+    run(scene, tmp_path / "out")
+    assert len(made) == 6 * 2  # frames and sensors
+    for path in sorted((tmp_path / "out").glob("sat*.fits")):
+        assert path.read_bytes() == (folder / path.name).read_bytes()
+        with fits.open(path) as file:
+            file[0].writeto(tmp_path / path.name)
+            fits.append(tmp_path / path.name, file["FRAMES"].data, file["FRAMES"].header)
+        assert path.read_bytes() == (tmp_path / path.name).read_bytes()
 
 
 @pytest.mark.parametrize("distortion", [None, {"k1": -60.0, "p1": 0.01}])

@@ -233,9 +233,8 @@ class _SequenceFolders:
         home = self._folder / folder_of(self._shard, self._number)
         for sensor, (images, parts) in self._written.items():
             views = Views.joined(images[0].instrument, sensor, parts)
-            for of_band in images:
-                for form in self._formats:
-                    form.finish(home, of_band, views)
+            for form in self._formats:
+                form.finish(home, images, views)
         for path in home.glob("*.grey"):
             path.unlink()
         self._written = {}

@@ -51,6 +51,8 @@ class Fit:
     """Numbers measured less parameters."""
     converged: bool
     """Whether the search ended at a minimum."""
+    at_bound: list[str]
+    """Parameters that ended on a bound, where the data ask for more than may be: no errors hold for these."""
 
     @property
     def degenerate(self) -> str:
@@ -82,7 +84,8 @@ class Fit:
         lines = [f"  {n} {self[n]:.8g}" + (f" +- {sigma[n]:.2g}" if sigma else "") for n in self.names]
         end = "" if self.converged else ", not converged"
         head = f"Fit(chi-square {self.chi_square:.6g} of {self.n_freedom}, p {self.p_value:.2g}{end}"
-        return "\n".join([head, *lines, *filter(None, [self.degenerate])]) + ")"
+        bound = f"on a bound: {', '.join(self.at_bound)}" if self.at_bound else ""
+        return "\n".join([head, *lines, *filter(None, [bound, self.degenerate])]) + ")"
 
     def __getitem__(self, name: str) -> float:
         if name not in self.names:
@@ -114,6 +117,47 @@ class _Data:
         return out
 
 
+class _FlatError(Exception):
+    """Ends a search where nothing is left to improve: SciPy's next step of degenerate parameters would be 0 / 0."""
+
+
+class _Search:
+    """A search for the least sum of squares from one start: what it found."""
+
+    def __init__(self, rows: list[_Data], first: F64, bounds: F64) -> None:
+        from scipy.optimize import least_squares
+
+        self._rows = rows
+        self.values = np.clip(first, *bounds.T)
+        self.residual = self.slope = np.zeros(0)
+        self._latest = self.values, self.residual
+        try:
+            found = least_squares(
+                self._residuals, self.values, self._slopes, bounds=bounds.T, x_scale="jac", xtol=_TOLERANCE,
+                ftol=_TOLERANCE, gtol=None,
+            )  # fmt: skip
+            self.values, self.residual, self.slope, self.converged = found.x, found.fun, found.jac, bool(found.success)
+        except _FlatError:
+            self.converged = True
+        self.chi_square = float(self.residual @ self.residual)
+
+    def _residuals(self, values: F64) -> F64:
+        residual = np.concatenate([row.residuals(values) for row in self._rows])
+        self._latest = values.copy(), residual
+        return residual
+
+    def _slopes(self, values: F64) -> F64:
+        """Jacobian, which is asked for where residuals were found last: at the start and behind each step."""
+        slope = np.concatenate([row.weighted_slopes(values) for row in self._rows])
+        at, residual = self._latest
+        if not np.array_equal(at, values):
+            residual = self._residuals(values)
+        if not (residual @ slope).any():
+            self.values, self.residual, self.slope = values, residual, slope
+            raise _FlatError
+        return slope
+
+
 def fit(
     data: Sequence[tuple[LightCurve, npt.ArrayLike, npt.ArrayLike | None]],
     start: Mapping[str, float] | None = None,
@@ -139,8 +183,6 @@ def fit(
         InputError: Data do not fit their curve or are infinite, phases count at different times, fewer numbers than
             parameters, an unknown name, a value out of bounds, or a scan of too many combinations.
     """
-    from scipy.optimize import least_squares
-
     names, bounds, rows = _rows(data)
     for what, given in (("start", start), ("scan", scan)):
         if not isinstance(given, Mapping | None):
@@ -151,25 +193,15 @@ def fit(
     values = _start(names, bounds, rows, start or {})
     starts = _scanned(names, rows, values, scan, whole_number("n_start", n_start, 1)) if scan else [values]
 
-    def residuals(x: F64) -> F64:
-        return np.concatenate([row.residuals(x) for row in rows])
-
-    def slopes(x: F64) -> F64:
-        return np.concatenate([row.weighted_slopes(x) for row in rows])
-
-    best: Any = None
-    for first in starts:
-        inside = np.clip(first, *bounds.T)
-        found = least_squares(
-            residuals, inside, slopes, bounds=bounds.T, x_scale="jac", xtol=_TOLERANCE, ftol=_TOLERANCE, gtol=None
-        )
-        if best is None or found.cost < best.cost:
-            best = found
-    light = best.fun + np.concatenate([row.light / row.sigma for row in rows])
-    known = information_of(names, best.jac, light)
-    found_at = np.where([name.endswith("_phase_rev") for name in names], best.x % 1.0, best.x)
-    n_freedom = len(best.fun) - len(names)
-    return Fit(names, found_at, known, float(2 * best.cost), n_freedom, bool(best.success))
+    searches = [_Search(rows, first, bounds) for first in starts]
+    best = min(searches, key=lambda search: search.chi_square)
+    light = best.residual + np.concatenate([row.light / row.sigma for row in rows])
+    known = information_of(names, best.slope, light)
+    found_at = np.where([name.endswith("_phase_rev") for name in names], best.values % 1.0, best.values)
+    near = np.abs(best.values[:, None] - bounds) <= _TOLERANCE * np.maximum(np.abs(bounds), 1.0)
+    at_bound = [names[k] for k in np.flatnonzero((near & np.isfinite(bounds)).any(axis=1))]
+    n_freedom = len(best.residual) - len(names)
+    return Fit(names, found_at, known, best.chi_square, n_freedom, best.converged, at_bound)
 
 
 def _rows(data: Sequence[Any]) -> tuple[list[str], F64, list[_Data]]:

@@ -141,18 +141,10 @@ class PsfTable:
         if np.ndim(self.image) != 2 or np.asarray(self.image).dtype.kind not in "fiub":
             rule = "must be an array of numbers of two axes"
             raise InputError(rule, "image", _array_words(self.image), "s").of("PsfTable")
-        image = np.array(self.image, dtype=np.float64)
-        if not 1 <= min(image.shape) <= max(image.shape) <= MAX_IMAGE_SIDE:
-            raise InputError(f"sides must be 1 to {MAX_IMAGE_SIDE}", "image", image.shape).of("PsfTable")
-        if not np.isfinite(image).all():
-            n_bad = np.count_nonzero(~np.isfinite(image))
-            raise InputError(f"must be finite, got {n_bad} bad values", "image").of("PsfTable")
-        if (image < 0.0).any():
-            rule = f"must hold no negative samples, clip them at 0, got {np.count_nonzero(image < 0.0)}"
-            raise InputError(rule, "image").of("PsfTable")
-        image /= np.abs(image).max() or 1.0  # sums of huge or tiny numbers
-        if not image.sum() > 0.0:
-            raise InputError("must have a positive sum", "image").of("PsfTable")
+        try:
+            image = checked_samples(self.image)
+        except InputError as error:
+            raise error.within("image").of("PsfTable") from None
         for name, low, high in (("oversample", 1.0, MAX_OVERSAMPLE), ("smear_px", 0.0, MAX_SMEAR_PX)):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not low <= value <= high:
@@ -170,6 +162,21 @@ class PsfTable:
 
     def __hash__(self) -> int:
         return hash(self._key())
+
+
+def checked_samples(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """Return samples of a pattern, shape (n_row, n_col), in float64 with a largest of 1; InputError for bad ones."""
+    samples = np.array(image, dtype=np.float64)
+    if not 1 <= min(samples.shape) <= max(samples.shape) <= MAX_IMAGE_SIDE:
+        raise InputError(f"sides must be 1 to {MAX_IMAGE_SIDE}", value=samples.shape)
+    if n_bad := np.count_nonzero(~np.isfinite(samples)):
+        raise InputError(f"must be finite, got {n_bad} bad values")
+    if n_bad := np.count_nonzero(samples < 0.0):
+        raise InputError(f"must hold no negative samples, clip them at 0, got {n_bad}")
+    samples /= samples.max() or 1.0  # sums of huge or tiny numbers
+    if not samples.sum() > 0.0:
+        raise InputError("must have a positive sum")
+    return samples
 
 
 def _array_words(value: Any) -> str:

@@ -20,7 +20,16 @@ from warpsim.errors import InputError, one_line
 from warpsim.exchange.source import SourceFile, read_source
 from warpsim.optics.camera import Camera
 from warpsim.optics.pattern import FIRST_DARK_RING
-from warpsim.optics.psf import MAX_N_WAVELENGTH, MAX_OBSCURATION, MAX_OVERSAMPLE, Psf, PsfAiry, PsfGaussian, PsfTable
+from warpsim.optics.psf import (
+    MAX_N_WAVELENGTH,
+    MAX_OBSCURATION,
+    MAX_OVERSAMPLE,
+    Psf,
+    PsfAiry,
+    PsfGaussian,
+    PsfTable,
+    checked_samples,
+)
 from warpsim.optics.tables import DEFAULT_ERROR, ERROR_RANGE
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band
@@ -64,6 +73,8 @@ def _read(path: str, mtime_ns: int, size: int) -> tuple[npt.NDArray[np.float64],
         image = npy_array(source.data) if source.data.startswith(b"\x93NUMPY") else _fits(source)
     if image.ndim != 2 or image.dtype.kind not in "fiub":
         raise source.error(0, f"must hold an array of numbers of two axes, got shape {image.shape} of {image.dtype}")
+    with source.at(0):
+        checked_samples(image)
     values = image.astype(np.float64)
     values.setflags(write=False)
     return values, hashlib.sha256(source.data).hexdigest()

@@ -22,7 +22,7 @@ from warpsim.constants import DAY_S, EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
 from warpsim.errors import InputError
 from warpsim.instant import Instant, instant, instant_of, years_ahead
 from warpsim.orbit.earth import geodetic_altitude_m, geodetic_to_gcrs_m, geodetic_to_itrs_m, pole_of_date
-from warpsim.orbit.elements import entries
+from warpsim.orbit.elements import LARGEST_SPEED_M_S, entries
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.two_body import lambert
 
@@ -33,6 +33,9 @@ F64 = NDArray[np.float64]
 
 DEFAULT_EPOCH_UTC = "2000-01-01T12:00:00"
 """The instant of time 0 of an arc that is used by itself and states none."""
+
+LONGEST_ARC_S = 31 * DAY_S
+"""Longest flight: as a scene's; it is integrated step by step, some times over."""
 
 _SAME_EPOCH_S = 1e-6
 # Newton stops here; the result misses the end point by the rounding of the propagation, some 1e-8 m.
@@ -74,7 +77,7 @@ class BallisticArc:
     end_lon_lat_deg: LonLat
     """East longitude and WGS84 geodetic latitude at time duration_s."""
     duration_s: Positive
-    """Time of flight."""
+    """Time of flight, up to 31 days."""
     endpoint_altitude_km: Number
     """Height of both ends above the WGS84 ellipsoid."""
     gravity: Gravity = "j2"
@@ -92,6 +95,8 @@ class BallisticArc:
         if not self.endpoint_altitude_km > -100.0:
             rule = "must be > -100 (heights are above WGS84)"
             raise InputError(rule, "endpoint_altitude_km", self.endpoint_altitude_km, "g")
+        if self.duration_s > LONGEST_ARC_S:
+            raise InputError(f"must be at most {LONGEST_ARC_S:g} (31 days)", "duration_s", self.duration_s, "g")
         return self
 
     def flight(self, epoch: Epoch | None = None) -> Flight:
@@ -126,7 +131,7 @@ class BallisticArc:
 
         Raises:
             InputError: When the ends are 180 degrees apart, the flight would pass through the Earth (duration too
-                short or too long for free flight), or the shooting does not converge.
+                short or too long for free flight), start faster than 1e6 m/s, or the shooting does not converge.
         """
         return self.flight().start_velocity_m_s
 
@@ -201,6 +206,9 @@ class Flight:
         except InputError as error:
             raise error.of(f"no arc between the end points in {duration_s:g} s") from None
         self._check_above_ground(start, velocity)
+        if (speed_m_s := float(np.linalg.norm(velocity))) > LARGEST_SPEED_M_S:
+            rule = f"gives a start speed of {speed_m_s:.3g} m/s, must be at most {LARGEST_SPEED_M_S:g} m/s"
+            raise InputError(f"{duration_s:g} s {rule}", "duration_s")
         solved = velocity if self.arc.gravity == "two_body" else self._shoot(start, end, velocity)
         solved.setflags(write=False)
         return solved

@@ -24,6 +24,7 @@ _PAIRS_PER_CHUNK = 50_000  # (time, object) pairs solved at once: they stay in t
 _N_SERIES = 12  # the first term left out is below 1e-25 for |z| < 1
 # 0.02 arcsec, 0.7 m on the ground: nearer to 0 or 180 degrees the plane hangs on details of the end points.
 _SMALLEST_SINE = 1e-7
+_WORST_TIME = 0.1  # of the duration: rounding, much less but for ends some metres apart at some km/s
 
 
 def stumpff(z: ArrayLike) -> tuple[F64, F64]:
@@ -135,6 +136,9 @@ def lambert(start_m: ArrayLike, end_m: ArrayLike, duration_s: float, direction: 
     chord_term = way * math.sqrt(d1 * d2 * one_plus)  # k, Bate's A
     z = _solve_z(d1 + d2, chord_term, duration_s)
     y = _auxiliary(z, d1 + d2, chord_term)
+    off_s = _time_of_flight_s(z, d1 + d2, chord_term) - duration_s
+    if not (y > 0.0 and abs(off_s) < _WORST_TIME * duration_s):  # else y is rounding of the lengths that it is made of
+        raise InputError("is too short for a conic", "duration_s", duration_s, "g")
 
     # Radial and transverse parts with the sine divided out, so they stay exact up to 180 degrees. They follow from
     # Lagrange's f = 1 - y/r1, g = A sqrt(y/mu), g' = 1 - y/r2 and y - r1 - r2 = -sqrt(2) A cos(x/2).
@@ -168,7 +172,7 @@ def _solve_z(sum_m: float, chord_term: float, duration_s: float) -> float:
     """Bisect for the z whose time of flight is duration_s."""
     high = 4.0 * math.pi**2
     if chord_term > 0:  # y = 0, time 0
-        low = -((2.0 * math.acosh(sum_m / (math.sqrt(2.0) * chord_term))) ** 2)
+        low = -((2.0 * math.acosh(max(sum_m / (math.sqrt(2.0) * chord_term), 1.0))) ** 2)
     else:
         low = -1.0
         while _time_of_flight_s(low, sum_m, chord_term) > duration_s:

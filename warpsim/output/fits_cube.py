@@ -9,6 +9,7 @@ an astropy WCS of them.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,8 +89,17 @@ def stored_planes(planes: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return stored.astype(stored.dtype.newbyteorder(">"))
 
 
-def finish_cube(path: Path, scene: SceneDescription, views: Views) -> None:
-    """Finish a cube with the table of its frames."""
+def finish_cubes(paths: Sequence[Path], scene: SceneDescription, views: Views) -> None:
+    """Finish the cubes of a sensor, of a band each, with the table of their frames."""
+    table = _frames_extension(scene, views)
+    for path in paths:
+        finish_planes(path)
+        with naming(path), path.open("ab") as file:
+            file.write(table)
+
+
+def _frames_extension(scene: SceneDescription, views: Views) -> bytes:
+    """The extension FRAMES as it stands in a file."""
     from astropy.io import fits
     from astropy.table import Table
 
@@ -114,9 +124,9 @@ def finish_cube(path: Path, scene: SceneDescription, views: Views) -> None:
     extension.header.update(lens_keywords(camera))
     for name, value, comment in provenance_cards(scene):
         extension.header[name] = value, comment
-    finish_planes(path)
-    with naming(path), fits.open(path, mode="append", memmap=False) as file:
-        file.append(extension)
+    file = io.BytesIO()
+    fits.HDUList([fits.PrimaryHDU(), extension]).writeto(file)
+    return file.getvalue()[FITS_BLOCK_BYTES:]  # behind a first header without data
 
 
 def finish_planes(path: Path) -> None:

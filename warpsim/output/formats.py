@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
-from warpsim.output.fits_cube import append_planes, finish_cube, finish_planes, read_planes
+from warpsim.output.fits_cube import append_planes, finish_cubes, finish_planes, read_planes
 from warpsim.output.fits_frames import append_frames, read_frames
 from warpsim.output.fits_header import Card, Views, image_cards, scene_cards
 from warpsim.output.grey import grey, grey_shape
@@ -98,8 +98,8 @@ class Format(Protocol):
     def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
         """Append the planes of further frames."""
 
-    def finish(self, folder: Path, images: Images, views: Views) -> None:
-        """Finish the files of images that are all there."""
+    def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
+        """Finish the files of a sensor's images that are all there, in each of its bands."""
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts | None:
         """Images read back, shape (n, row, column); None where the format does not keep them."""
@@ -128,12 +128,15 @@ class FitsCubes:
         for name, values in planes.items():
             append_planes(self._path(folder, images, name), values, len(images.frames), _cards_of_plane(cards, name))
 
-    def finish(self, folder: Path, images: Images, views: Views) -> None:
-        """Add the table of frames to the cube of counts."""
-        paths = {name: path for name in PLANES if (path := self._path(folder, images, name)).exists()}
-        for path in paths.values():
-            finish_planes(path)
-        finish_cube(paths["counts"], images.scenario.scene, views)
+    def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
+        """Add the table of frames to the cubes of counts."""
+        for name in PLANES:
+            paths = [path for of_band in images if (path := self._path(folder, of_band, name)).exists()]
+            if name == "counts":
+                finish_cubes(paths, images[0].scenario.scene, views)
+            else:
+                for path in paths:
+                    finish_planes(path)
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
         """Planes of the cube."""
@@ -177,7 +180,7 @@ class FitsFrames:
             own = [_cards_of_plane(of_frame, name) for of_frame in every]
             append_frames(path, values, views.frames, own, _cards_of_plane(cards, name))
 
-    def finish(self, folder: Path, images: Images, views: Views) -> None:
+    def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
         """Do nothing."""
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
@@ -215,7 +218,7 @@ class ImageFiles:
             for name, values in planes.items():
                 _write_plane(folder / self._name(images, views.frames[i], name), name, values[i], facts_of(cards))
 
-    def finish(self, folder: Path, images: Images, views: Views) -> None:
+    def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
         """Do nothing."""
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
@@ -266,10 +269,11 @@ class ZarrArrays:
         first = images.frames.index(views.frames[0])
         append_counts(folder / f"{images.stem}.zarr", images.shape, first, planes["counts"])
 
-    def finish(self, folder: Path, images: Images, views: Views) -> None:
+    def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
         """Add what is known of the images."""
-        facts = [facts_of(cards) for cards in image_cards(images.scenario.scene, images.band, views)]
-        finish_array(folder / f"{images.stem}.zarr", images.shape, facts)
+        for of_band in images:
+            facts = [facts_of(cards) for cards in image_cards(of_band.scenario.scene, of_band.band, views)]
+            finish_array(folder / f"{of_band.stem}.zarr", of_band.shape, facts)
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
         """Planes of the array."""
@@ -305,13 +309,14 @@ class Animations:
                 if number % self.step == 0:
                     file.write(grey(counts, levels, PREVIEW_PX).tobytes())
 
-    def finish(self, folder: Path, images: Images, views: Views) -> None:
-        """Write the animation."""
-        shape = grey_shape(images.shape[1:], PREVIEW_PX)
-        shown = np.fromfile(self._grey_path(folder, images), np.uint8).reshape(-1, *shape)
-        with animation(folder / f"{images.stem}{self.suffix}", PREVIEW_FPS) as add:
-            for image in shown:
-                add(image)
+    def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
+        """Write the animations."""
+        for of_band in images:
+            shape = grey_shape(of_band.shape[1:], PREVIEW_PX)
+            shown = np.fromfile(self._grey_path(folder, of_band), np.uint8).reshape(-1, *shape)
+            with animation(folder / f"{of_band.stem}{self.suffix}", PREVIEW_FPS) as add:
+                for image in shown:
+                    add(image)
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> None:
         """Return None: grey levels are no counts."""

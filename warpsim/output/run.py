@@ -227,8 +227,7 @@ class Run:
             advance(len(frames.frames))
         views = Views.joined(images[0].instrument, sensor, growing.steps)
         for form in plan.formats.values():
-            for of_band in images:
-                form.finish(growing.path, of_band, views)
+            form.finish(growing.path, images, views)
         if has_maps(images[0].instrument.sensor.detector):
             write_maps(growing.path / maps_name(sensor), plan.scenario, sensor, plan.bands_of[sensor])
         parts = sorted(path.relative_to(growing.path).as_posix() for path in growing.path.rglob("*.fits"))

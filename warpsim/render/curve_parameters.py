@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels import light_curve as kinds
+from warpsim_kernels import light_curve_slopes as kinds
 from warpsim_kernels.area_slopes import ACROSS, ALONG, BASE, RADIUS, SIDE, TOP
 from warpsim_kernels.light_curve import CurveSet
 

@@ -23,6 +23,8 @@ PARAMETERS = (
 OF_STARS = ("boresight_rad", "roll_rad", "sigma_px")
 """Parameters that move stars, too."""
 
+_TURNS = {"boresight_rad", "roll_rad"}
+
 
 def checked_parameters(wrt: str | Sequence[str], known: Sequence[str] = PARAMETERS) -> list[str]:
     """Return names of parameters as a list; InputError for none, unknown ones, and one twice."""
@@ -74,11 +76,12 @@ def gradients(
     values = checked_cotangent(cotangent, frames.counts.shape).reshape(-1, n_band, n_row, n_col)
     images = frames.point_images("gradients", with_stars)
     found = images.gathered(values, "sigma_px" in names)
-    return {name: _by(name, frames, found, shape) for name in names}
+    turned = _by_turn(frames, images.xy_px, found).reshape(*shape, 3) if _TURNS & set(names) else np.zeros(0)
+    return {name: _by(name, frames, found, turned, shape) for name in names}
 
 
-def _by(name: str, frames: FrameSet, found: Gathered, shape: tuple[int, int]) -> F64:
-    """Gradient by one parameter."""
+def _by(name: str, frames: FrameSet, found: Gathered, turned: F64, shape: tuple[int, int]) -> F64:
+    """Gradient by one parameter; that by the camera's turns, (frame, sensor, 3), is there already."""
     n_target = len(frames.scenario.target_names)
     by_xy = found.by_xy.sum(axis=1)  # all bands see a source at one position
     if name in ("x_px", "y_px"):
@@ -91,20 +94,20 @@ def _by(name: str, frames: FrameSet, found: Gathered, shape: tuple[int, int]) ->
         return np.asarray(by_path.reshape(*shape, *by_path.shape[1:]))
     if name == "sigma_px":
         return np.asarray(found.by_sigma.sum(axis=2).reshape(*shape, -1))
-    if name in ("boresight_rad", "roll_rad"):
-        turned = _by_turn(frames, by_xy).reshape(*shape, 3)
-        return turned[..., :2] if name == "boresight_rad" else turned[..., 2]
+    if name in _TURNS:
+        return np.array(turned[..., :2] if name == "boresight_rad" else turned[..., 2])
     return _by_position(name, frames, by_xy[:, :n_target], found.by_light[..., :n_target]).reshape(
         *shape, n_target, *((3,) if name == "target_position_m" else ())
     )
 
 
-def _by_turn(frames: FrameSet, by_xy: F64) -> F64:
-    """Gradient by the camera's turns, (n_view, 3)."""
+def _by_turn(frames: FrameSet, xy_px: F64, found: Gathered) -> F64:
+    """Gradient by the camera's turns, (n_view, 3), with sources where they were drawn, (n_view, n_slot, 2)."""
+    by_xy = found.by_xy.sum(axis=1)
     turned = np.zeros((len(by_xy), 3))
-    for view, xy_px in enumerate(frames.point_images("gradients", with_stars=True).xy_px):
+    for view in range(len(by_xy)):
         lit = by_xy[view].any(axis=1)
-        slopes = camera_slopes(frames.instrument.sensor.camera, xy_px[lit])
+        slopes = camera_slopes(frames.instrument.sensor.camera, xy_px[view, lit])
         turned[view] = np.einsum("na,nak->k", by_xy[view, lit], slopes)
     return turned
 

@@ -12,13 +12,8 @@ import warp as wp
 from warpsim_kernels.area_slopes import ShapeVector
 from warpsim_kernels.curve_views import CurveView, TargetOfCurve, make_curve_views_kernel
 from warpsim_kernels.earth_albedo import albedo_series_of
-from warpsim_kernels.light_curve import (
-    Columns,
-    CurveScene,
-    CurveSet,
-    make_light_curve_kernel,
-    make_light_curve_slopes_kernel,
-)
+from warpsim_kernels.light_curve import CurveScene, CurveSet, make_light_curve_kernel
+from warpsim_kernels.light_curve_slopes import Columns, make_light_curve_slopes_kernel
 from warpsim_kernels.records import View
 from warpsim_kernels.shapes import Body
 from warpsim_kernels.signature import Features, Tables
