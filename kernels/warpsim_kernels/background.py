@@ -10,6 +10,7 @@ import warp as wp
 
 from warpsim_kernels.canvas import STRIP_SHIFT, flags_of_image
 from warpsim_kernels.records import View
+from warpsim_kernels.shared_memory import thread_of_block
 
 RUN = 32
 """Pixels of a row that are added to at once."""
@@ -557,9 +558,7 @@ def make_add_background_kernel(earth: bool, n_thread: int) -> wp.Kernel:
     ):
         if wp.static(False):
             _a = ramp
-        item, thread = wp.tid()
-        if wp.static(n_thread == 1):
-            thread = 0  # known to the compiler
+        item, thread = wp.tid(), thread_of_block()
         image = item // n_row
         row = item - image * n_row
         n_band = sky_w_cm2.shape[1]
@@ -593,8 +592,8 @@ def make_add_background_kernel(earth: bool, n_thread: int) -> wp.Kernel:
                 heights = earth_km[view, 0]
                 if earth_cell_is_disc(heights, background, node):
                     cosine = along_row(earth_km[view, 1], background, node, v)
-                    n_pixel, own = end - first, wp.static(n_thread)
-                    add_disc(background, band, cosine, sky, node, v, begin + first, n_pixel, thread, own, signal_w_cm2)
+                    n_pixel, step = end - first, wp.static(n_thread)
+                    add_disc(background, band, cosine, sky, node, v, begin + first, n_pixel, thread, step, signal_w_cm2)
                 elif not earth_cell_is_dark(heights, background, node):
                     area = along_row(background.pixel_sr, background, node, v)
                     for col in range(first + thread, end, wp.static(n_thread)):

@@ -18,6 +18,11 @@ def wait_for_block():
     """Wait until all threads of the block are here, and what they wrote is there."""
 
 
+@wp.func_native(snippet="return WP_TILE_THREAD_IDX;")
+def thread_of_block() -> int:
+    """Number of this thread in its block; 0 on the CPU, which the compiler knows there."""
+
+
 @functools.cache
 def address_function(dtype: Any, length: int) -> Any:
     """Function that returns the address of a shared tile; `wp.array(ptr=...)` makes an array of it."""
