@@ -1,5 +1,6 @@
 """The command line: help, reports, and one clear line with exit code 2 for every kind of bad input."""
 
+import json
 import re
 import subprocess
 import sys
@@ -517,6 +518,19 @@ def test_czml_reports_what_it_wrote(capsys, tmp_path):
     assert len(list(tmp_path.iterdir())) == 1
 
 
+@pytest.mark.ci
+def test_czml_takes_targets_and_a_page(capsys, tmp_path):
+    pytest.importorskip("czml3")
+    path, page = tmp_path / "stss.czml", tmp_path / "stss.html"
+    more = ("--attitudes", "sphere01, cylinder01", "--curves", "all", "--html", page, "--cesium", "https://example.org")
+    out = printed(capsys, "czml", "stss", "-o", path, *more)
+    assert f"page in {page}: serve it" in out
+    packets = {packet["id"]: packet for packet in json.loads(path.read_text("utf-8"))}
+    assert {name for name, packet in packets.items() if "orientation" in packet} == {"sphere01", "cylinder01"}
+    assert sum("properties" in packet for packet in packets.values()) == 30
+    assert 'src="https://example.org/Cesium.js"' in page.read_text("utf-8")
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -532,6 +546,11 @@ def test_czml_reports_what_it_wrote(capsys, tmp_path):
         (["czml", "stss", "-o", "a.czml", "--step", "-1"], "step_s: must be > 0, got -1"),
         (["czml", "stss", "-o", "a.czml", "--step", "x"], "--step: must be a number, got 'x'"),
         (["czml", "nowhere", "-o", "a.czml"], "nowhere"),
+        (["czml", "stss", "-o", "a.czml", "--attitudes", "x,y"], "attitudes: must be among center, "),
+        (["czml", "stss", "-o", "a.czml", "--curves", ","], "curves: must name at least one"),
+        (["czml", "stss", "-o", "a.czml", "--html", "a.png"], "a.png: must end in .html"),
+        (["czml", "stss", "-o", "a.czml", "--html", "a.html", "--cesium", "."], "cesium: must be a URL"),
+        (["czml", "stss", "-o", "a.czml", "--cesium", "https://x"], "cesium: serves the page alone"),
     ],
 )
 def test_bad_input_of_pictures_and_czml(capsys, tmp_path, monkeypatch, arguments, message):

@@ -375,7 +375,7 @@ def test_plot_labels(still, tmp_path):
 
 
 def test_mask_edges():
-    from warpsim.plot.image_figure import mask_edges
+    from warpsim.plot.label_figure import mask_edges
 
     mask = np.zeros((4, 5), dtype=bool)
     mask[0, 2:4] = True  # at the image's edge

@@ -217,8 +217,10 @@ def test_scene_is_seen_aside_of_its_flight_on_the_side_of_the_sun(scene):
 def test_sun_arrow_points_to_the_sun_and_the_day_is_there(scene):
     ax = ws.plot.plot_scene(scene, TIME_S, view_ra_dec_deg=(281.0, 60.0))  # the Sun is at RA 281, dec -23
     (word,) = (text for text in ax.texts if text.get_text() == "Sun")
-    x, y = word.get_position()
+    (arrow,) = (text for text in ax.texts if text.get_text() == "" and text.get_zorder() == 9)
+    x, y = np.subtract(arrow.xy, arrow.xyann)
     assert y < 0 and abs(x) < -0.1 * y
+    assert np.hypot(*word.get_position()) > ax.get_xlim()[1]  # in a corner: neither on the Earth nor in an orbit
     image = np.asarray(ax.images[0].get_array())
     n = len(image)
     lower, upper = image[n // 4, n // 2].mean(), image[3 * n // 4, n // 2].mean()  # origin is below

@@ -76,11 +76,17 @@ def add_commands(commands: Any) -> None:
     plot.add_argument("--overwrite", action="store_true", help="replace existing files")
     plot.set_defaults(command=_plot)
 
-    czml = commands.add_parser("czml", help="write a scene for Cesium: paths, names, lines of sight during access")
+    czml = commands.add_parser("czml", help="write a scene for Cesium: paths, lines of sight, fields of view, ...")
     add_scene(czml)
     czml.add_argument("-o", "--output", required=True, metavar="FILE", help="file to write: .czml")
     czml.add_argument("--step", metavar="S", help="time between positions [s]; chosen by their error if left out")
-    czml.add_argument("--overwrite", action="store_true", help="replace an existing file")
+    czml.add_argument("--attitudes", metavar="NAMES", help="targets whose attitudes are written: all, or their names")
+    czml.add_argument(
+        "--curves", metavar="NAMES", help="targets whose irradiance is written, by sensor and band: all, ..."
+    )
+    czml.add_argument("--html", metavar="FILE", help="also a page that opens it in CesiumJS: .html")
+    czml.add_argument("--cesium", metavar="WHERE", help="the page's CesiumJS: URL, or folder that holds Cesium.js")
+    czml.add_argument("--overwrite", action="store_true", help="replace existing files")
     czml.set_defaults(command=_czml)
 
 
@@ -205,7 +211,25 @@ def _czml(options: argparse.Namespace) -> int:
     path = Path(options.output)
     step_s = None if options.step is None else number("--step", options.step)
     scenario = scenario_of(options.scene)
-    error_m = write_czml(scenario, path, step_s, overwrite=options.overwrite)
+    if options.curves is not None:
+        start_warp()
+    error_m = write_czml(
+        scenario,
+        path,
+        step_s,
+        overwrite=options.overwrite,
+        attitudes=_targets(options.attitudes),
+        curves=_targets(options.curves),
+        html=options.html,
+        cesium=options.cesium,
+    )
     n_body = len(scenario.satellite_names) + len(scenario.target_names)
     say(f"{n_body} bodies in {path} ({path.stat().st_size / 1e6:.2f} MB), positions within {error_m:.2g} m")
+    if options.html is not None:
+        say(f"page in {options.html}: serve it, its CZML and CesiumJS, as by `python -m http.server`")
     return 0
+
+
+def _targets(text: str | None) -> str | list[str] | None:
+    """Names of targets, or the word for all of them."""
+    return text if text == "all" else names(text)

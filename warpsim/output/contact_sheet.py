@@ -29,6 +29,9 @@ _NO_ACCESS = 40
 _INK = (0.85, 0.85, 0.85)
 _FAINT = (0.45, 0.45, 0.45)
 
+_LETTER_PX = (9, 7)  # width of a letter, of title and words
+_MOST_ROOM_PX = 1400
+
 _MARK = np.array([79, 209, 255], np.uint8)
 _MARK_PX = (3.0, 1.5)  # a tick above a target, from and to so many pixels of the image
 
@@ -73,12 +76,14 @@ def draw_contact_sheet(
     """
     columns = _column_times_s(rows)
     height = TOP_PX + max(1, len(rows)) * (TILE_PX + GAP_PX)
-    width = LEFT_PX + max(1, len(columns)) * (TILE_PX + GAP_PX)
+    title = f"{scene.name}   {_bands_text(rows)}   {scene.epoch_utc} UTC"
+    words = f"white: {CEILING_NEI:g} NEI, asinh scale, times after the epoch   behind: {scene.background.summary}"
+    room = max(_LETTER_PX[0] * len(title), _LETTER_PX[1] * len(words))  # for words above a few tiles
+    width = max(LEFT_PX + len(columns) * (TILE_PX + GAP_PX), 16 + min(room, _MOST_ROOM_PX))
     canvas = np.full((height, width, 3), _PAPER, dtype=np.uint8)
     labels: list[Label] = [
-        (8, 20, f"{scene.name}   {_bands_text(rows)}   {scene.epoch_utc} UTC", 15, _INK),
-        (8 + 440, 20, f"white: {CEILING_NEI:g} NEI, asinh scale, times after the epoch", 13, _FAINT),
-        (8, 38, f"behind: {scene.background.summary}", 13, _FAINT),
+        (8, 20, title, 15, _INK),
+        (8, 38, words, 13, _FAINT),
         (8, TOP_PX - 6, "t [s]", 13, _INK),
     ]
     labels += [(_left(i), TOP_PX - 6, f"{time_s:.1f}", 13, _INK) for i, time_s in enumerate(columns)]

@@ -285,9 +285,11 @@ class Run:
 
         def places(sensor: str, frames: list[int]) -> list[npt.NDArray[np.float64]]:
             band = shown[kinds[sensor].sensor.name]
-            own = truth[(truth["sensor"] == sensor) & (truth["band"] == band) & (truth["irradiance_w_cm2"] > 0)]
-            xy_px = np.stack([own["x_px"], own["y_px"]], axis=1)
-            return [xy_px[own["frame"] == frame] for frame in frames]
+            lit = np.ma.filled(truth["irradiance_w_cm2"], 0.0) > 0  # columns that not all kinds have are masked
+            own = truth[(truth["sensor"] == sensor) & (truth["band"] == band) & lit]
+            xy_px = np.stack([np.asarray(own[name], np.float64) for name in ("x_px", "y_px")], axis=1)
+            there = np.isfinite(xy_px).all(axis=1)  # behind a camera there is no place
+            return [xy_px[there & (np.asarray(own["frame"]) == frame)] for frame in frames]
 
         rows = [
             SheetRow(sensor, kind, shown[kind.sensor.name], plan.frames_of[sensor]) for sensor, kind in kinds.items()

@@ -4,8 +4,8 @@ from warpsim.plot.access_figure import plot_access as plot_access
 from warpsim.plot.access_figure import plot_range as plot_range
 from warpsim.plot.group_figure import plot_attitudes as plot_attitudes
 from warpsim.plot.group_figure import plot_group as plot_group
-from warpsim.plot.image_figure import plot_labels as plot_labels
 from warpsim.plot.image_figure import plot_satellite_view as plot_satellite_view
+from warpsim.plot.label_figure import plot_labels as plot_labels
 from warpsim.plot.partition_figure import plot_sky_partition as plot_sky_partition
 from warpsim.plot.scene_figure import plot_ground_tracks as plot_ground_tracks
 from warpsim.plot.scene_figure import plot_scene as plot_scene

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.plot.figure import BLUE, DASHES, GREY, PALE, SERIES, literal, new_axes
+from warpsim.plot.figure import BLUE, DASHES, GREY, PALE, SERIES, literal, new_axes, plain
 from warpsim.scene.pointing import ANY
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
@@ -87,11 +87,13 @@ def _draw_bars(ax: Axes, names: Sequence[str], spans_of: Spans, duration_s: floa
         spans = spans_of.get(name, [])
         filled_s = 0.0  # up to here the row is full, of bars and words
         for number, (start_s, end_s, target) in enumerate(spans):
-            ax.barh(row, end_s - start_s, left=start_s, height=0.68, color=colours[target])
+            ax.barh(row, end_s - start_s, left=start_s, height=0.68, color=colours[target],
+                    edgecolor=colours[target], linewidth=0.6)  # the edge shows bars of milliseconds  # fmt: skip
             next_s = spans[number + 1][0] if number + 1 < len(spans) else duration_s
             filled_s = _label_bar(ax, row, start_s, end_s, (filled_s, next_s), _LABEL_WIDTH * duration_s)
-        total_min = sum(end_s - start_s for start_s, end_s, _ in spans) / 60
-        ax.text(1.01, row, f"{total_min:.1f} min" if spans else "no access", transform=ax.get_yaxis_transform(),
+        total_s = sum(end_s - start_s for start_s, end_s, _ in spans)
+        total = f"{total_s / 60:.1f} min" if total_s >= 6.0 else f"{plain(total_s, 2)} s"
+        ax.text(1.01, row, total if spans else "no access", transform=ax.get_yaxis_transform(),
                 va="center", fontsize=8, color="black" if spans else PALE)  # fmt: skip
     if coloured:
         for target, colour in colours.items():
@@ -104,7 +106,8 @@ def _label_bar(ax: Axes, row: int, start_s: float, end_s: float, free_s: tuple[f
 
     They stand inside where they fit (a number is number_s wide), else together behind or before it if it is free there.
     """
-    first, last, inset_s = f"{start_s:.1f}", f"{end_s:.1f}", 0.12 * number_s
+    n_decimal = 1 if end_s - start_s >= 0.1 else 3
+    first, last, inset_s = f"{start_s:.{n_decimal}f}", f"{end_s:.{n_decimal}f}", 0.12 * number_s
     if end_s - start_s > 2.4 * number_s:
         ax.text(start_s + inset_s, row, first, va="center", ha="left", color="white", fontsize=8)
         ax.text(end_s - inset_s, row, last, va="center", ha="right", color="white", fontsize=8)

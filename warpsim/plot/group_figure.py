@@ -117,6 +117,8 @@ def _draw_panels(axes: Sequence[Axes], kinds: Sequence[TargetKind], offsets_m: d
         ax.axhline(0, color=FAINT, linewidth=0.6, zorder=0)
         ax.axvline(0, color=FAINT, linewidth=0.6, zorder=0)
         ax.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
+        if half >= 1e4:
+            ax.locator_params(nbins=4)  # their numbers are long
         ax.set(xlabel=f"{_AXES[across]} [{unit}]", ylabel=f"{_AXES[up]} [{unit}]")
 
 

@@ -1,4 +1,4 @@
-"""Figures of what a sensor sees: the geometry of a view, and an image with the labels of its targets.
+"""Figures of what a sensor sees: the geometry of a view.
 
 Positions are those of the renderer itself, so the figures agree with the rendered frames.
 """
@@ -15,21 +15,15 @@ from numpy.typing import NDArray
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.directions import normalised
 from warpsim.errors import InputError
-from warpsim.labels.boxes import CORNER_PX, paths_px, rle_to_mask
-from warpsim.labels.table import BOX_COLUMNS, label_table
 from warpsim.optics.camera import Camera
-from warpsim.output.grey import CEILING_NEI, SOFTENING_NEI
 from warpsim.plot.figure import (
     BLUE,
     GREEN,
     GREY,
     INK,
     MOST_LABELS,
-    ORANGE,
     PURPLE,
     SKY_BLUE,
-    VERMILION,
-    YELLOW,
     annotate_points,
     checked_time_s,
     counted_targets,
@@ -51,10 +45,8 @@ from warpsim.scene.sensors import Frames
 from warpsim.sky.apparent import apparent_direction
 
 if TYPE_CHECKING:
-    from astropy.table import Table
     from matplotlib.axes import Axes
 
-    from warpsim.render.frameset import FrameSet
     from warpsim.render.renderer import Renderer
 
 F64 = NDArray[np.float64]
@@ -66,7 +58,6 @@ VIEW_INCH = (7.4, 7.9)
 _WORD_PT = 8.0  # letters of the compass
 _N_GRID = 129  # points across the field at which the Earth is looked for
 _INSET_BELOW = 0.2  # of the field: a smaller group is drawn a second time, enlarged
-_ON_BLACK = (ORANGE, SKY_BLUE, GREEN, YELLOW, PURPLE, VERMILION, BLUE)
 
 
 @dataclass(frozen=True)
@@ -190,7 +181,7 @@ def plot_satellite_view(
     view = camera_view(scenario, sensor, time_s, renderer)
     camera = view.camera
     ax = ax or new_axes(*VIEW_INCH)
-    _set_frame(ax, camera)
+    set_frame(ax, camera)
     _draw_limb(ax, view, scenario.tracks.pole_icrs)
     _draw_stars(ax, view)
     _draw_targets(ax, view, scenario, with_labels=True)
@@ -199,7 +190,7 @@ def plot_satellite_view(
     extent_px = float((np.ptp(in_field, axis=0) * [1, camera.pixel_aspect]).max()) if len(in_field) > 1 else 0.0
     detail = ax
     if 0 < extent_px < _INSET_BELOW * view.short_side_px:
-        detail = _inset(ax, view, in_field, extent_px)
+        detail = inset(ax, camera, in_field, extent_px)
         _draw_targets(detail, view, scenario, with_labels=False)
     shown = np.flatnonzero(view.shown)
     if len(shown) <= MOST_LABELS:
@@ -216,8 +207,8 @@ def plot_satellite_view(
     return ax
 
 
-def _set_frame(ax: Axes, camera: Camera) -> None:
-    """Axes in pixels, row 0 on top."""
+def set_frame(ax: Axes, camera: Camera) -> None:
+    """Set the limits of axes in pixels, row 0 on top."""
     ax.set(xlim=(-0.5, camera.n_col - 0.5), ylim=(camera.n_row - 0.5, -0.5), aspect=camera.pixel_aspect)
     ax.set(xlabel="column [px]", ylabel="row [px]")
 
@@ -264,17 +255,35 @@ def _draw_targets(ax: Axes, view: CameraView, scenario: Scenario, with_labels: b
             ax.plot([], [], " ", label=f"{words}, not drawn ({np.count_nonzero(left_out)})")
 
 
-def _inset(ax: Axes, view: CameraView, in_field: F64, extent_px: float) -> Any:
-    """Axes that enlarge the group, in the corner that it leaves free; extent_px counts in widths of a pixel."""
+def inset(ax: Axes, camera: Camera, in_field: F64, extent_px: float) -> Any:
+    """Return axes that enlarge a part of a field, in the corner that it leaves free.
+
+    Args:
+        ax: Of the field.
+        camera: Whose field it is.
+        in_field: What is enlarged: columns and rows of points, shape (n, 2) [px].
+        extent_px: Its width or height, in widths of a pixel.
+    """
     middle = in_field.min(axis=0) / 2 + in_field.max(axis=0) / 2
-    aspect = view.camera.pixel_aspect
+    aspect = camera.pixel_aspect
     low, high = (middle + sign * 0.66 * extent_px / np.array([1.0, aspect]) for sign in (-1, 1))
-    corner_y = 0.05 if middle[1] < (view.camera.n_row - 1) / 2 else 0.58
-    inset: Any = ax.inset_axes((0.58, corner_y, 0.4, 0.4))
-    inset.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), aspect=aspect)
-    inset.tick_params(labelsize=7)
-    ax.indicate_inset_zoom(inset, edgecolor=INK, alpha=0.6)
-    return inset
+    corner_y = 0.05 if middle[1] < (camera.n_row - 1) / 2 else 0.58
+    enlarged: Any = ax.inset_axes((0.58, corner_y, 0.4, 0.4))
+    enlarged.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), aspect=aspect)
+    enlarged.tick_params(labelsize=7)
+    enlarged.locator_params(nbins=6, steps=[1, 2, 5, 10])
+    _draw_paper(ax, corner_y)
+    ax.indicate_inset_zoom(enlarged, edgecolor=INK, alpha=0.6)
+    return enlarged
+
+
+def _draw_paper(ax: Axes, corner_y: float) -> None:
+    """White behind the numbers of an inset, which would stand on stars or on a black image."""
+    from matplotlib.patches import Rectangle
+
+    paper = Rectangle((0.5, corner_y - 0.04), 0.49, 0.455, transform=ax.transAxes, zorder=4.8)
+    paper.set(facecolor="white", edgecolor="none")
+    ax.add_patch(paper)
 
 
 def _draw_limb(ax: Axes, view: CameraView, pole: F64) -> None:
@@ -308,82 +317,3 @@ def _draw_compass(ax: Axes, view: CameraView) -> None:
         tip, text_at = (corner + part * n * across / length * per_width for part in (0.09, word_at))
         draw_arrow(ax, corner, tip, 4, arrowstyle="-|>", color=colour, linewidth=1.6)
         ax.text(*pair(text_at), word, color=colour, fontsize=_WORD_PT, ha="center", va="center", zorder=4)
-
-
-def plot_labels(
-    frames: FrameSet, frame: int, sensor: str, band: str, ax: Axes | None = None, least_nei: float = 1.0
-) -> Axes:
-    """Draw an image with the labels of its visible targets.
-
-    Boxes are rectangles, masks the dotted edges of their pixels, centres crosses (slanted where the target's own
-    pixel gets less than least_nei), and movement during the exposure a line. Axes are in pixels whose centres lie on
-    whole numbers, row 0 on top; set their limits to look closer.
-
-    Args:
-        frames: Rendered frames.
-        frame: Number of the frame.
-        sensor: Name of the sensor.
-        band: Name of the band.
-        ax: Where to draw.
-        least_nei: Light of one target in one pixel that counts, over the NEI.
-
-    Raises:
-        InputError: The image was not rendered, or matplotlib is not installed.
-    """
-    frames.image_numbers("plot_labels", frame, sensor, band)
-    ax = ax or new_axes(7.2, 7.4)
-    from matplotlib.colors import AsinhNorm
-
-    scenario, instrument, row = frames.scenario, frames.instrument, frames.frames.index(frame)
-    camera, levels = instrument.sensor.camera, instrument.levels[band]
-    counts = frames.counts.numpy()[row, frames.sensors.index(sensor), frames.bands.index(band)]
-    level_nei = (counts.astype(np.float32) - levels.blank_counts) / levels.counts_per_nei
-    ax.imshow(
-        level_nei, cmap="gray", norm=AsinhNorm(SOFTENING_NEI, 0, CEILING_NEI), origin="upper", interpolation="nearest"
-    )
-    _set_frame(ax, camera)
-    one = frames.one_frame(row)
-    rows = label_table(one, least_nei, with_masks=True)
-    paths = dict(zip(scenario.target_names, paths_px(one, frames.sensors.index(sensor)), strict=True))
-    rows = rows[(rows["sensor"] == sensor) & (rows["band"] == band) & rows["visible"]]
-    classes = list(dict.fromkeys(target.spec.class_name for target in scenario.targets))
-    for number, name in enumerate(classes):
-        of_class = rows[rows["class"] == name]
-        if len(of_class):
-            colour = _ON_BLACK[number % len(_ON_BLACK)]
-            _draw_class(ax, of_class, paths, colour, (camera.n_row, camera.n_col))
-            ax.plot([], [], "s", markerfacecolor="none", color=colour, label=f"{name} ({len(of_class)})")
-    ax.set_title(
-        f"{literal(frames.scene.name)}: {sensor}, band {band}, frame {frame} at {plain(float(one.time_s[0]))} s\n"
-        f"masks: at least {plain(least_nei, 3)} NEI of the target's own light; white: {CEILING_NEI:g} NEI",
-        fontsize=10,
-    )
-    if len(rows):
-        legend_below(ax, -0.09, 4)
-    return ax
-
-
-def _draw_class(ax: Axes, rows: Table, paths: dict[str, F64], colour: str, shape: tuple[int, int]) -> None:
-    from matplotlib.collections import LineCollection
-    from matplotlib.patches import Rectangle
-
-    edges: list[Any] = []
-    for row in rows:
-        x, y, width, height = (float(row[name]) for name in BOX_COLUMNS)
-        box = Rectangle((x - CORNER_PX, y - CORNER_PX), width, height, fill=False, edgecolor=colour, linewidth=1.2)
-        ax.add_patch(box)
-        mark = "+" if row["keypoint_visibility"] == 2 else "x"
-        ax.plot(row["x_px"], row["y_px"], mark, color=colour, markersize=6, markeredgewidth=0.8)
-        ax.plot(*paths[row["target"]], color=colour, linewidth=0.7)
-        edges += mask_edges(rle_to_mask(row["mask_rle"], shape)).tolist() if row["mask_rle"] else []
-    ax.add_collection(LineCollection(edges, colors=colour, linewidths=0.9, linestyles="dotted"))
-
-
-def mask_edges(mask: Mask) -> F64:
-    """Return the edges between pixels inside and outside, as pairs of points (x, y), shape (n, 2, 2)."""
-    padded = np.pad(mask, 1)
-    row, column = np.nonzero(padded[:, 1:] != padded[:, :-1])
-    upright = np.stack([column - 0.5, row - 1.5, column - 0.5, row - 0.5], axis=1)
-    row, column = np.nonzero(padded[1:] != padded[:-1])
-    level = np.stack([column - 1.5, row - 0.5, column - 0.5, row - 0.5], axis=1)
-    return np.concatenate([upright, level]).reshape(-1, 2, 2)

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 F64 = NDArray[np.float64]
 
-SCENE_INCH = (8.2, 9.4)
+SCENE_INCH = (8.2, 9.6)
 """Size of a figure for `plot_scene`: room for a legend of four rows below a square."""
 
 _TILT_DEG = 45.0  # from the plane of the arc to the default viewer: the arc's height and length both show
@@ -270,9 +270,10 @@ def _finish_scene(ax: Axes, globe: Globe, sun_m: F64) -> None:
     to_sun = np.array([globe.right, globe.up]) @ normalised(sun_m)
     away = float(np.linalg.norm(to_sun))
     if away > 0.02:  # else the Sun is behind the viewer's back, or behind the Earth
-        aside = to_sun / away * half
-        draw_arrow(ax, aside * 0.86, aside * (0.86 + 0.16 * away), 9, arrowstyle="-|>", color=ORANGE, linewidth=2.2)
-        ax.text(*pair(0.805 * aside), "Sun", color=ORANGE, ha="center", va="center", fontsize=9, fontweight="bold")
+        aside, corner = to_sun / away * half, np.copysign(0.86 * half, to_sun)  # nothing else is in the corners
+        draw_arrow(ax, corner, corner + 0.16 * away * aside, 9, arrowstyle="-|>", color=ORANGE, linewidth=2.2)
+        foot = corner - 0.055 * aside
+        ax.text(*pair(foot), "Sun", color=ORANGE, ha="center", va="center", fontsize=9, fontweight="bold")
     half *= 1.04
     ax.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xlabel="[1000 km]", ylabel="[1000 km]")
     legend_below(ax, -0.08, 3)

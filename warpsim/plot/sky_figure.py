@@ -44,6 +44,7 @@ GIANT_K = 4000.0
 
 _N_WAVELENGTH = 1200
 _MOST_SURFACES = 3
+_MOST_NAMES = 4  # of targets of one spectrum
 
 
 def plot_star_counts(
@@ -274,22 +275,29 @@ def _background(wavelength_um: Array) -> list[tuple[str, dict[str, Any], Array]]
     ]
 
 
+def _listed(names: list[str]) -> str:
+    """The first names, and how many more there are."""
+    more = len(names) - _MOST_NAMES
+    return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+
+
 def _targets(scenario: Scenario, wavelength_um: Array) -> list[tuple[str, dict[str, Any], Array]]:
     """Label, style and spectrum per wavelength of light from targets, emitted and reflected."""
     sun, lines = solar_spectrum().at(wavelength_um), []
     alike: dict[tuple[Any, int], dict[str, float]] = {}  # names and temperatures by what is drawn as one line
     for target, rows in zip(scenario.targets, scenario.temperatures, strict=True):
         kelvin = float(rows.temperature_k[0])
-        alike.setdefault((target.spec.surface, round(kelvin)), {}).setdefault(target.spec.name, kelvin)
+        surface = target.spec.surface if target.spec.surface.is_spectral else None  # gray ones have one spectrum
+        alike.setdefault((surface, round(kelvin)), {}).setdefault(target.spec.name, kelvin)
     for number, ((surface, _), named) in enumerate(list(alike.items())[:_MOST_SURFACES]):
-        kelvin, label = next(iter(named.values())), ", ".join(named)
+        kelvin, label = next(iter(named.values())), _listed(list(named))
         emissivity = np.ones_like(wavelength_um)
-        if surface.is_spectral:
+        if surface is not None:
             emissivity = surface.emissivity_curve.at(wavelength_um)
         colour = (GREEN, PURPLE, GREY)[number]
         emitted = emissivity * planck_w_m2_sr_um(wavelength_um, kelvin)
         lines.append((f"{label}, {kelvin:.0f} K", {"color": colour}, emitted))
-        if surface.is_spectral:
+        if surface is not None:
             reflected = (1.0 - emissivity) * sun
             lines.append((f"{label}, reflected", {"color": colour, "linestyle": ":"}, reflected))
     return lines
