@@ -267,11 +267,11 @@ def test_a_page_follows_a_server(renderer):
 
 def lives(page, frame):
     """Whether the page shows a frame that it is asked for, by its thread."""
-    page._ask(frame)
+    page._player.ask(frame)
     deadline = time.monotonic() + 20
     while page.frame != frame and time.monotonic() < deadline:
         time.sleep(0.01)
-    return page.frame == frame and page._thread.is_alive()
+    return page.frame == frame and page._player.is_alive
 
 
 def until(condition):
@@ -284,7 +284,7 @@ def until(condition):
 @pytest.mark.ci
 def test_the_page_lives_on_after_what_goes_wrong(renderer):
     with ws.view(renderer, port=0, sensors=SENSORS, band="C") as page:
-        page._ask(10**6)
+        page._player.ask(10**6)
         assert until(lambda: page.status.problems.get("frame")) and page.frame < 10**6
         assert lives(page, 61) and until(lambda: not page.status.problems["frame"])
         page.offer_images(3, lambda band: 1 / 0)

@@ -1,4 +1,4 @@
-"""The page: what shows when, and the thread that keeps it up to date."""
+"""The page: what it shows of a frame."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import html
 import io
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -21,6 +21,7 @@ from warpsim.live.curves import access_bars
 from warpsim.live.globe import GlobeScene
 from warpsim.live.group_view import GroupView
 from warpsim.live.page import Status, open_server
+from warpsim.live.player import ImagesOfBand, Player
 from warpsim.live.shown_images import Images, RenderedImages, ShownImage, images_of
 from warpsim.live.tile import tile_html
 from warpsim.render.frameset import FrameSet
@@ -30,9 +31,6 @@ PORT = 8080
 
 MOST_TILES = 6
 """Sensors whose images are shown at first."""
-
-MOST_LOAD = 0.1
-"""Part of a core that the page takes while it follows frames that somebody else renders."""
 
 MOST_SHOWN = 12
 """Sensors whose images have room on the page."""
@@ -72,14 +70,11 @@ class View:
         """How the page keeps up, and problems."""
         self.sensors = list(chosen)
         """Sensors whose images are shown."""
-        self._lock, self._work, self._stop = threading.RLock(), threading.Event(), threading.Event()
-        self._playing = self._again = False
-        self._offered: tuple[int, Callable[[str | None], list[ShownImage]]] | None = None
+        self._lock = threading.RLock()
+        self._player = Player(self, self._try_to_show, self._frames_per_s)
         self._set_up(band)
         self.show(int(self._controls.slider.value))
-        self._wanted = self.frame
-        self._thread = threading.Thread(target=self._keep_up, name="warpsim view", daemon=True)
-        self._thread.start()
+        self._player.start()
 
     def _set_up(self, band: str | None) -> None:
         """Lay out the page."""
@@ -99,7 +94,7 @@ class View:
         controls.slider.on_update(self._moved)
         controls.buttons.on_click(lambda _: self._press(controls.buttons.value))
         controls.view.on_update(lambda _: self._look_at(controls.view.value))
-        controls.when_changed(self._ask_again, self._draw_curve)
+        controls.when_changed(self._player.ask_again, self._draw_curve)
         self._draw_curve()
         if isinstance(self.images, RenderedImages) and self.sensors:
             self._scene_controls = SceneControls(server.gui, scenario, self.sensors[0], self._change)
@@ -148,7 +143,7 @@ class View:
             InputError: There is no such frame.
         """
         self._check(frame)
-        self._wanted = frame
+        self._player.wanted = frame
         self._show_frame(frame)
 
     def _check(self, frame: int) -> None:
@@ -176,13 +171,23 @@ class View:
 
         self.offer_images(frames.frames[-1], last)
 
-    def offer_images(self, frame: int, images: Callable[[str | None], list[ShownImage]]) -> None:
+    def offer_images(self, frame: int, images: ImagesOfBand) -> None:
         """Give the page the images of a frame as a function of the band that it shows; as `offer`."""
-        self.status.n_dropped += self._offered is not None
-        self._offered = frame, images
-        self._work.set()
+        self._player.offer(frame, images)
 
-    def _show_offered(self, frame: int, images: Callable[[str | None], list[ShownImage]]) -> None:
+    def _try_to_show(self, frame: int, images: ImagesOfBand | None) -> None:
+        """Show a frame, or images of it that were offered; what goes wrong is told by the page, which lives on."""
+        try:
+            if images is None:
+                self._show_frame(frame)
+            else:
+                self._show_offered(frame, images)
+            self.status.problems["frame"] = ""
+        except Exception as error:  # a file that is gone, a packet of another scene
+            self.status.problems["frame"] = one_line(error)
+            self._tell()
+
+    def _show_offered(self, frame: int, images: ImagesOfBand) -> None:
         with self._lock:
             begin = time.perf_counter()
             by_sensor = {image.sensor: image for image in images(self._controls.chosen_band)}
@@ -222,7 +227,7 @@ class View:
 
     def _tile(self, image: ShownImage) -> str:
         controls = self._controls
-        with_counts = image.counts.size <= (_PLAYED_PX if self._playing else _COUNTS_PX)
+        with_counts = image.counts.size <= (_PLAYED_PX if self._player.playing else _COUNTS_PX)
         note = self._access_note(image.sensor)
         image = image.about_targets() if controls.crop.value else image
         return tile_html(image, controls.ceiling.value, controls.overlay.value, with_counts, note)
@@ -283,14 +288,14 @@ class View:
             self.status.problems["scene"] = str(error)
             self._scene_controls.reset()
         self._draw_curve()
-        self._ask_again()
+        self._player.ask_again()
 
     def _press(self, what: str) -> None:
-        self._playing = what == "play"
+        self._player.playing = what == "play"
         if what == "step":
             self._controls.slider.value = min(int(self._controls.slider.value) + 1, self._last)
-            self._ask(int(self._controls.slider.value))
-        self._work.set()
+            self._player.ask(int(self._controls.slider.value))
+        self._player.wake()
 
     def _look_at(self, what: str) -> None:
         self._globe.root.visible = what == EARTH
@@ -299,82 +304,26 @@ class View:
         for client in self.server.get_clients().values():
             client.camera.position = self._camera(what)
             client.camera.look_at = (0.0, 0.0, 0.0)
-        self._ask_again()
+        self._player.ask_again()
 
     def _moved(self, event: Any) -> None:
         """Show what somebody moved the slider to; where the page itself did, it shows that already."""
         if event.client is not None:
-            self._ask(int(event.target.value))
+            self._player.ask(int(event.target.value))
 
-    def _ask(self, frame: int) -> None:
-        """Let the thread show a frame."""
-        self._wanted = frame
-        self._work.set()
-
-    def _ask_again(self) -> None:
-        """Let the thread show the same frame once more."""
-        self._again = True
-        self._work.set()
-
-    def _keep_up(self) -> None:
-        """Show what is asked for, and the next frames while playing, until the page is closed."""
-        begin_s, begin, was_playing = 0.0, 0, False
-        while not self._stop.is_set():
-            offered, self._offered = self._offered, None
-            if offered is not None:
-                self._wanted = offered[0]
-                self._tried(self._show_offered, *offered)
-                self._stop.wait(self.status.latency_s[-1] * (1 / MOST_LOAD - 1) if self.status.latency_s else 0.1)
-            elif self._playing:
-                now_s = time.perf_counter()
-                if not was_playing or self._wanted != self.frame:  # at first, and where the slider was moved
-                    begin_s, begin = now_s, self._wanted
-                self._play_on(self._next_frame(begin, now_s - begin_s))
-            elif self._wanted != self.frame or self._again:
-                self._again, wanted = False, self._wanted
-                self._tried(self._show_frame, wanted)
-                if self._wanted == wanted:
-                    self._wanted = self.frame  # another one if that failed
-            else:
-                self._work.wait(0.2)
-                self._work.clear()
-            was_playing = self._playing
-
-    def _tried(self, show: Callable[..., None], *arguments: Any) -> None:
-        """Show something; what goes wrong is told by the page, which lives on."""
-        try:
-            show(*arguments)
-            self.status.problems["frame"] = ""
-        except Exception as error:  # a file that is gone, a packet of another scene
-            self.status.problems["frame"] = one_line(error)
-            self._tell()
-
-    def _play_on(self, frame: int) -> None:
-        if frame != self.frame:
-            self.status.n_dropped += max(frame - self.frame - 1, 0)
-            self._wanted = frame
-            self._tried(self._show_frame, frame)
-            self.frame = frame
-        else:
-            self._stop.wait(0.005)
-        self._playing = self._playing and frame < self._last
-
-    def _next_frame(self, begin: int, passed_s: float) -> int:
-        """The frame of now, while playing."""
+    def _frames_per_s(self) -> float:
+        """How fast the page plays."""
         interval_s = self.scenario.instrument_of(self.sensors[0]).frames.interval_s if self.sensors else 1.0
-        return min(begin + int(passed_s * float(self._controls.speed.value) / interval_s), self._last)
+        return float(self._controls.speed.value) / interval_s
 
     def run(self) -> None:
         """Keep the page until Ctrl-C."""
         with contextlib.suppress(KeyboardInterrupt):
-            while not self._stop.wait(0.5):
-                pass
+            self._player.wait()
 
     def close(self) -> None:
         """Take the page away."""
-        self._stop.set()
-        self._work.set()
-        self._thread.join()
+        self._player.stop()
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
 
