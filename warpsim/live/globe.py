@@ -96,7 +96,9 @@ class GlobeScene:
         self._points("observers", [place[name] for name in seen], _SEEN, 0.14)
         names = seen if len(seen) <= MOST_NAMES else []
         mains = [i for kind in self._kinds if kind.is_main for i in kind.targets if i in target]
-        self._name({name: place[name] for name in names} | {scenario.target_names[i]: target[i] for i in mains})
+        self._name(
+            {name: place[name] for name in names} | {f"{scenario.target_names[i]} (main)": target[i] for i in mains}
+        )
         for kind in self._kinds:
             own = [target[i] for i in kind.targets if i in target]
             self._points(f"kind{kind.number}", own, rgb(kind.colour), 0.16 if kind.is_main else 0.1)
