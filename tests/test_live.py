@@ -72,10 +72,11 @@ def test_a_tile_holds_the_rendered_counts_boxes_and_truth(renderer):
         levels = frames.instrument.levels["C"]
         np.testing.assert_array_equal(counts, frames.counts.numpy()[0, number, 0])
         np.testing.assert_array_equal(picture_of(tile), grey(frames.counts.numpy()[0, number, 0], levels, 1024))
-        names = [rect["data-target"] for rect in tile.found["rect"]]
+        rects = sorted(tile.found["rect"], key=lambda rect: renderer.scene.target_names.index(rect["data-target"]))
+        names = [rect["data-target"] for rect in rects]
         visible = boxes.visible[number, 0]
         assert names == [name for name, seen in zip(frames.scenario.target_names, visible, strict=True) if seen]
-        drawn = [[float(rect[key]) for key in ("x", "y", "width", "height")] for rect in tile.found["rect"]]
+        drawn = [[float(rect[key]) for key in ("x", "y", "width", "height")] for rect in rects]
         np.testing.assert_allclose(drawn, boxes.box_px[number, 0][visible], atol=6e-4)
         truth = frames.truth[(frames.truth["sensor"] == SENSORS[number])]
         for name, x_px, y_px, snr in marks:

@@ -13,7 +13,7 @@ MOST_ROWS = 20
 """Of sensors; the shown ones come first."""
 
 _HEIGHT, _GAP, _LEFT, _WIDTH, _RIGHT = 11, 4, 76, 112, 164
-_MOST_LETTERS = 31  # of words beside a bar
+_MOST_LETTERS = 30  # of words beside a bar
 _NOW, _LIT, _DIM, _TEXT = "#ff6b4a", "#009e73", "#35584d", "#bbb"
 
 

@@ -80,7 +80,7 @@ def tile_html(
     merged = "".join(f"<div>{html.escape(line)}</div>" for line in _merged_lines(image))
     return (
         f'<div class="tile" data-sensor="{html.escape(image.sensor)}" data-band="{html.escape(image.band)}" '
-        'style="font:12px sans-serif"><div>'
+        'style="font:12px sans-serif;margin-bottom:10px"><div>'
         f'<div style="min-height:1.3em">{caption}</div>'
         f'<div style="position:relative;line-height:0;cursor:crosshair" data-w="{n_col}" data-h="{n_row}" '
         f'data-x="{image.corner_px[0]}" data-y="{image.corner_px[1]}" '
@@ -108,7 +108,7 @@ def _overlay(image: ShownImage) -> str:
     named = {mark.target for mark in image.marks if mark.main or len(image.marks) <= _MOST_NAMES}
     size = n_col / 32
     parts, names = [], []
-    for mark in image.marks:
+    for mark in sorted(image.marks, key=lambda mark: mark.main):  # above the others
         left, top, width, height = mark.box_px
         colour = _MERGED if mark.target in of_merged else _MAIN if mark.main else _TARGET
         name = html.escape(mark.target)
