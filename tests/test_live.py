@@ -341,6 +341,28 @@ def test_the_page_lives_on_after_what_goes_wrong(renderer):
 
 
 @pytest.mark.ci
+def test_playing_goes_on_in_time_from_the_frame_that_shows(renderer):
+    with ws.view(renderer, port=0, sensors=SENSORS) as page:
+        page.show(60)
+        time.sleep(0.5)  # the thread of the page waits
+        page._controls.speed.value = 100.0  # of frames each 10 s: 10 a second
+        begin = time.perf_counter()
+        page._press("play")
+        assert until(lambda: page.frame > 60)
+        while page.frame < 75:
+            latest = 60 + 10 * (time.perf_counter() - begin) + 1
+            assert page.frame <= latest
+            time.sleep(0.02)
+        page._press("pause")
+        time.sleep(0.5)
+        stopped = page.frame
+        time.sleep(0.5)
+        assert page.frame == stopped < page.frames[-1]
+        page._press("step")
+        assert until(lambda: page.frame == stopped + 1)
+
+
+@pytest.mark.ci
 def test_all_groups_of_a_scene_can_be_looked_at():
     """Targets of the second launch: bodies, curve, boxes and main target; rocket bodies in orbits have no main one."""
     renderer = ws.Renderer(ws.Scene.load("two_cameras"), "cpu")
