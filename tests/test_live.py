@@ -353,9 +353,16 @@ def test_playing_goes_on_in_time_from_the_frame_that_shows(renderer):
             latest = 60 + 10 * (time.perf_counter() - begin) + 1
             assert page.frame <= latest
             time.sleep(0.02)
+        page._controls.moving.value = False
+        time.sleep(0.5)
+        still = page._globe._nodes["kind0"].points
+        time.sleep(0.5)
+        assert page._globe._nodes["kind0"].points is still
         page._press("pause")
         time.sleep(0.5)
         stopped = page.frame
+        place = page.scenario.position_m("center", np.array([page.time_s]))[0] / 1e6
+        assert until(lambda: np.allclose(page._globe._nodes["kind0"].points, place, atol=1e-6))
         time.sleep(0.5)
         assert page.frame == stopped < page.frames[-1]
         page._press("step")

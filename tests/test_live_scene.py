@@ -27,7 +27,8 @@ class Recorded:
         assert name.startswith("add_")
 
         def add(path, *args, **kwargs):
-            node = SimpleNamespace(kind=name, args=args, remove=lambda: self.nodes.pop(path), **kwargs)
+            first = args[0] if args else None
+            node = SimpleNamespace(kind=name, args=args, points=first, remove=lambda: self.nodes.pop(path), **kwargs)
             self.nodes[path] = node
             return node
 
@@ -63,6 +64,24 @@ def test_satellites_and_targets_stand_where_they_are(globe, scene):
     np.testing.assert_allclose(
         sights[:, 1], np.tile(scenario.position_m("center", at) / 1e6, (len(seen), 1)), atol=1e-5
     )
+
+
+def test_what_moves_is_moved_and_not_added_again(scene):
+    """At instants with the same satellites in access."""
+    recorded = Recorded()
+    globe = GlobeScene(recorded, scene.scenario, ["sat11"])
+    globe.show(TIME_S)
+    before = dict(recorded.nodes)
+    globe.show(TIME_S + 10.0)
+    alone = Recorded()
+    GlobeScene(alone, scene.scenario, ["sat11"]).show(TIME_S + 10.0)
+    moved = 0
+    for path, node in alone.nodes.items():
+        assert recorded.nodes[path] is before[path], path
+        if node.points is not None and not isinstance(node.points, str):
+            np.testing.assert_array_equal(before[path].points, node.points)
+            moved += not np.array_equal(before[path].points, before[path].args[0])
+    assert moved == 8  # satellites, those with access, four kinds of targets, lines of sight, edges of the field
 
 
 def test_the_field_of_view_is_the_cameras(globe, scene):

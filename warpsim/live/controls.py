@@ -35,6 +35,7 @@ class Controls:
         self.view = gui.add_dropdown("show", (EARTH, GROUP) if scenario.targets else (EARTH,))
         self.group = gui.add_dropdown("group", groups_with_targets(scenario) or ("none",))
         self.group.visible = len(self.group.options) > 1
+        self.moving = gui.add_checkbox("play in 3-D too", True, hint="off: images play faster where no GPU draws")
         with gui.add_folder("Images"):
             self.sensors = gui.add_text("sensors", ",".join(sensors))
             self.band = gui.add_dropdown("band", (FIRST, *scenario.bands))

@@ -206,13 +206,18 @@ class View:
                 tile.content = self._tile(by_sensor[sensor]) if sensor in by_sensor else none
             for tile in self._tiles[len(self.sensors) :]:
                 tile.content = ""
-            group = controls.chosen_group
-            if group is None:
-                self._globe.show(time_s)
-            else:
-                self._groups.show(group, time_s)
+            if controls.moving.value or not self._player.playing:
+                self._show_in_space(time_s)
             controls.curves.show(time_s)
             controls.access.content = access_bars(self.scenario, time_s, self.sensors)
+
+    def _show_in_space(self, time_s: float) -> None:
+        """Move what there is in three dimensions."""
+        group = self._controls.chosen_group
+        if group is None:
+            self._globe.show(time_s)
+        else:
+            self._groups.show(group, time_s)
 
     def _tile(self, image: ShownImage) -> str:
         controls = self._controls
@@ -280,6 +285,8 @@ class View:
 
     def _press(self, what: str) -> None:
         self._player.playing = what == "play"
+        if what == "pause":
+            self._player.ask_again()
         if what == "step":
             self._controls.slider.value = min(int(self._controls.slider.value) + 1, self._last)
             self._player.ask(int(self._controls.slider.value))
