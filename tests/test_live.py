@@ -15,6 +15,7 @@ import pytest
 from PIL import Image
 
 import warpsim as ws
+from warpsim.cli import main
 from warpsim.errors import InputError
 from warpsim.labels.boxes import target_boxes
 from warpsim.live import shown_images
@@ -280,6 +281,19 @@ def test_recordings_hold_the_images(renderer, tmp_path):
     text = (tmp_path / "page.html").read_text()
     assert text.lstrip().startswith("<!") and "http-equiv" not in text
     assert not list(tmp_path.glob("*.partial*"))
+
+
+@pytest.mark.ci
+def test_a_recording_is_as_large_as_the_guide_says_and_the_command_tells_its_size(tmp_path, capsys):
+    """Some 40 kB a frame of two sensors of 128 x 128 pixels."""
+    size = {}
+    for n in (2, 10):
+        path = tmp_path / f"{n}.html"
+        frames = f"60:{60 + n}"
+        assert main(["view", "stss", "--sensors", "sat11,sat27", "--frames", frames, "--record", str(path)]) == 0
+        size[n] = path.stat().st_size
+        assert capsys.readouterr().out == f"{path}: {n} frames, {size[n] / 1e6:.3g} MB\n"
+    assert 25e3 < (size[10] - size[2]) / 8 < 60e3
 
 
 @pytest.mark.ci
