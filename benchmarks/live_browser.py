@@ -27,7 +27,6 @@ from benchmarks.programs import write_or_print
 from warpsim.speed.work import BAND, speed_work
 
 RATE_HZ = 30.0
-N_TURN = 3
 SPAN_S = 6.0
 SETTLE_S = 2.0
 N_SENSOR = (1, 12)
@@ -68,11 +67,11 @@ def counted(tab: Any, page: ws.View, span_s: float) -> dict[str, float]:
     }
 
 
-def played(tab: Any, page: ws.View, moving: bool) -> list[dict[str, float]]:
+def played(tab: Any, page: ws.View, n_turn: int, moving: bool) -> list[dict[str, float]]:
     """Let the page play from the first frame on, by turns."""
     interval_s = page.scenario.instrument_of(page.sensors[0]).frames.interval_s
     turns = []
-    for _ in range(N_TURN):
+    for _ in range(n_turn):
         page.show(page.frames[0])
         page._controls.moving.value = moving
         page._controls.speed.value = RATE_HZ * interval_s
@@ -83,10 +82,10 @@ def played(tab: Any, page: ws.View, moving: bool) -> list[dict[str, float]]:
     return turns
 
 
-def offered(tab: Any, page: ws.View, renderer: ws.Renderer, sensors: list[str]) -> list[dict[str, float]]:
+def offered(tab: Any, page: ws.View, n_turn: int, renderer: ws.Renderer, sensors: list[str]) -> list[dict[str, float]]:
     """Offer the page a stream of its rate, by turns."""
     turns = []
-    for _ in range(N_TURN):
+    for _ in range(n_turn):
         stop = threading.Event()
 
         def feed(stop: threading.Event = stop) -> None:
@@ -109,10 +108,16 @@ def main() -> None:
     """Measure and write the result."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result there instead of printing it")
+    parser.add_argument("--turns", type=int, default=3, metavar="N", help="of each case; medians are reported (3)")
     options = parser.parse_args()
+    n_turn = options.turns
     from playwright.sync_api import sync_playwright
 
-    found: dict[str, Any] = {"command": "python -m benchmarks.live_browser", "n_cpu": os.cpu_count()}
+    found: dict[str, Any] = {
+        "command": f"python -m benchmarks.live_browser --turns {n_turn}",
+        "n_turn": n_turn,
+        "n_cpu": os.cpu_count(),
+    }
     found["load_average_before"] = os.getloadavg()[0]  # of others on this machine
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=chromium_path(), args=FLAGS.split())
@@ -120,14 +125,19 @@ def main() -> None:
         for n_sensor in N_SENSOR:
             for name, moving in (("", True), (", not in 3-D", False)):
                 found[f"played, {n_sensor} sensors{name}"] = on_page(
-                    browser, n_sensor, lambda tab, page, *_, moving=moving: played(tab, page, moving)
+                    browser,
+                    n_sensor,
+                    n_turn,
+                    lambda tab, page, n_turn, *_, moving=moving: played(tab, page, n_turn, moving),
                 )
-        found[f"offered, {N_SENSOR[-1]} sensors"] = on_page(browser, N_SENSOR[-1], offered)
+        found[f"offered, {N_SENSOR[-1]} sensors"] = on_page(browser, N_SENSOR[-1], n_turn, offered)
         browser.close()
     write_or_print(found, options.json)
 
 
-def on_page(browser: Any, n_sensor: int, measure: Callable[..., list[dict[str, float]]]) -> dict[str, float]:
+def on_page(
+    browser: Any, n_sensor: int, n_turn: int, measure: Callable[..., list[dict[str, float]]]
+) -> dict[str, float]:
     """Return medians of what is measured on a page of so many sensors."""
     work = speed_work(128, 100, n_sensor, n_frame=1000)
     renderer = ws.Renderer(work.scene, "cpu", catalog=work.catalog)
@@ -136,7 +146,7 @@ def on_page(browser: Any, n_sensor: int, measure: Callable[..., list[dict[str, f
         tab.goto(page.url)
         tab.wait_for_selector(".tile img", timeout=60_000)
         tab.evaluate(COUNT)
-        turns = measure(tab, page, renderer, work.sensors)
+        turns = measure(tab, page, n_turn, renderer, work.sensors)
         tab.close()
     return {name: round(statistics.median(turn[name] for turn in turns), 2) for name in turns[0]}
 
