@@ -15,15 +15,15 @@ import pytest
 from PIL import Image
 
 import warpsim as ws
+from warpsim.cli import main
 from warpsim.errors import InputError
 from warpsim.labels.boxes import target_boxes
 from warpsim.live import shown_images
-from warpsim.live.changes import changed_scene, changes
-from warpsim.live.curves import access_bars
+from warpsim.live.access_bars import _Row, _words, access_bars, access_note
 from warpsim.live.globe import _end_of_ray
 from warpsim.live.shown_images import FolderImages, RenderedImages, images_of
 from warpsim.live.sources import images_from
-from warpsim.live.tile import png, tile_html
+from warpsim.live.tile import _MERGED, _name, legend_html, png, tile_html
 from warpsim.output.grey import grey
 from warpsim.plot.coastlines import coastlines_deg
 
@@ -73,16 +73,50 @@ def test_a_tile_holds_the_rendered_counts_boxes_and_truth(renderer):
         levels = frames.instrument.levels["C"]
         np.testing.assert_array_equal(counts, frames.counts.numpy()[0, number, 0])
         np.testing.assert_array_equal(picture_of(tile), grey(frames.counts.numpy()[0, number, 0], levels, 1024))
-        names = [rect["data-target"] for rect in tile.found["rect"]]
+        rects = sorted(tile.found["rect"], key=lambda rect: renderer.scene.target_names.index(rect["data-target"]))
+        names = [rect["data-target"] for rect in rects]
         visible = boxes.visible[number, 0]
         assert names == [name for name, seen in zip(frames.scenario.target_names, visible, strict=True) if seen]
-        drawn = [[float(rect[key]) for key in ("x", "y", "width", "height")] for rect in tile.found["rect"]]
+        drawn = [[float(rect[key]) for key in ("x", "y", "width", "height")] for rect in rects]
         np.testing.assert_allclose(drawn, boxes.box_px[number, 0][visible], atol=6e-4)
         truth = frames.truth[(frames.truth["sensor"] == SENSORS[number])]
         for name, x_px, y_px, snr in marks:
             row = truth[truth["target"] == name][0]
             assert abs(row["x_px"] - x_px) < 0.006 and abs(row["y_px"] - y_px) < 0.006
             assert snr == f"{row['snr']:.3g}"
+
+
+def test_a_tile_tells_the_main_target_and_which_merge(renderer):
+    """In words: clumps of truth, the small ones first."""
+    for image in RenderedImages(renderer).at(84, SENSORS, "A"):
+        text = tile_html(image, 60.0, True, True)
+        truth = renderer.truth([84], [image.sensor], "A")
+        clumps = {}
+        for row in truth[truth["in_fov"] & (truth["clump_id"] >= 0) & ~truth["resolvable"]]:
+            clumps.setdefault(int(row["clump_id"]), []).append(str(row["target"]))
+        lines = re.findall(r"<div>([^<>]*) merge in ([^<>]*)</div>", text)
+        assert len(lines) == min(len(clumps), 3) and bool(lines) is (image.sensor == "sat11")
+        for names, where in lines:
+            assert re.split(", | and ", names) in clumps.values() and where == f"{image.sensor}, band A"
+        assert ("more groups of targets that merge</div>" in text) is (len(clumps) > 4)
+        assert [mark.target for mark in image.marks if mark.main] == ["center"]
+        (main,) = [rect for rect in Parts(text).found["rect"] if rect["data-target"] == "center"]
+        others = [rect for rect in Parts(text).found["rect"] if rect is not main and rect["data-target"] != "center"]
+        assert main["stroke-width"] == "2" and {rect["stroke-width"] for rect in others} == {"1"}
+        assert re.findall(r">([^<>]*)</text>", text) == ["center (main)"]  # of so many only this one
+        red = {rect["data-target"] for rect in Parts(text).found["rect"] if rect["stroke"] == _MERGED}
+        assert red == {name for names in clumps.values() for name in names}
+
+
+def test_a_name_at_the_edge_stays_in_the_image():
+    assert 'text-anchor="end"' in _name("center (main)", (120.0, 5.0), 128, 4.0, "#fff")
+    assert 'text-anchor="end"' not in _name("center (main)", (60.0, 5.0), 128, 4.0, "#fff")
+
+
+def test_the_legend_names_main_targets():
+    assert "main target (center, bus)" in legend_html(["center", "bus"])
+    assert "main target (a, b, c, ...)" in legend_html(["a", "b", "c", "d"])
+    assert "main" not in legend_html([]) and "<b>" not in legend_html(["<b>"])
 
 
 def test_without_overlay_and_counts_a_tile_has_neither(renderer):
@@ -144,23 +178,30 @@ def test_a_folder_of_neither_is_refused(tmp_path):
         images_from(tmp_path)
 
 
-def test_changed_numbers_make_the_scene_that_replace_makes(scene):
-    found = changes(scene.scenario, "sat11")
-    labels = [change.label for change in found]
-    assert labels == ["field of view [deg]", "aperture [m]", "NEI [W/cm2]", "exposure [s]", "pointed at", "seed"]
-    values = {change.path: change.value for change in found} | {"sensors__0__camera__fov_deg": 2.0}
-    changed = changed_scene(scene.scenario, found, lambda change: values[change.path])
-    assert changed.to_dict() == scene.replace(camera__fov_deg=2.0).to_dict()
-    with pytest.raises(InputError, match="fov_deg"):
-        changed_scene(scene.scenario, found, lambda change: -1.0 if "fov" in change.path else change.value)
-
-
 def test_access_bars_tell_when_access_ends(scene):
     bars = access_bars(scene.scenario, 600.0)
     rows = scene.access(sensors="sat27")
     for start_s, end_s in zip(rows["start_s"], rows["end_s"], strict=True):
         assert f"{start_s:.4g} to {end_s:.4g} s" in bars
     assert bars.count("<rect") == len(scene.access())
+
+
+def test_access_bars_say_who_has_access_now_and_begin_with_those_shown(scene):
+    bars = access_bars(scene.scenario, 840.0, ["sat27", "sat12"])
+    texts = re.findall(r'<text[^>]*fill="([^"]*)">([^<]*)', bars)
+    names = [word for _, word in texts if word.startswith("sat")]
+    assert names[:2] == ["sat12", "sat27"] and len(names) == len(set(names)) == 10
+    assert {word for colour, word in texts if colour == "#fff"} == {"sat12", "sat27", "230.6 to 1416 s"}
+    rows = scene.access()
+    n_now = int(((rows["start_s"] <= 840.0) & (rows["end_s"] >= 840.0)).sum())
+    assert f": {n_now} sensors have it now" in bars and "18 of 28 sensors never have access" in bars
+
+
+def test_long_lists_of_access_say_the_one_of_now_or_next():
+    row = _Row("sat1", [(0.0, 100.25), (1200.5, 1300.25), (1400.5, 1500.25)])
+    for time_s, words in ((50.0, "0 to 100.2 s"), (500.0, "1200 to 1300 s"), (1600.0, "1400 to 1500 s")):
+        assert _words(row, time_s) == f"{words} and 2 more"
+    assert _words(_Row("sat1", row.spans_s[:2]), 50.0) == "0 to 100.2 s, 1200 to 1300 s"
 
 
 def test_rays_end_on_the_ground_or_in_space():
@@ -243,6 +284,19 @@ def test_recordings_hold_the_images(renderer, tmp_path):
 
 
 @pytest.mark.ci
+def test_a_recording_is_as_large_as_the_guide_says_and_the_command_tells_its_size(tmp_path, capsys):
+    """Some 40 kB a frame of two sensors of 128 x 128 pixels."""
+    size = {}
+    for n in (2, 10):
+        path = tmp_path / f"{n}.html"
+        frames = f"60:{60 + n}"
+        assert main(["view", "stss", "--sensors", "sat11,sat27", "--frames", frames, "--record", str(path)]) == 0
+        size[n] = path.stat().st_size
+        assert capsys.readouterr().out == f"{path}: {n} frames, {size[n] / 1e6:.3g} MB\n"
+    assert 25e3 < (size[10] - size[2]) / 8 < 60e3
+
+
+@pytest.mark.ci
 def test_a_page_follows_a_server(renderer):
     pytest.importorskip("zmq")
     from warpsim.live.follow import Follower
@@ -301,33 +355,78 @@ def test_the_page_lives_on_after_what_goes_wrong(renderer):
 
 
 @pytest.mark.ci
+def test_playing_goes_on_in_time_from_the_frame_that_shows(renderer):
+    with ws.view(renderer, port=0, sensors=SENSORS) as page:
+        page.show(60)
+        time.sleep(0.5)  # the thread of the page waits
+        page._controls.speed.value = 100.0  # of frames each 10 s: 10 a second
+        begin = time.perf_counter()
+        page._press("play")
+        assert until(lambda: page.frame > 60)
+        while page.frame < 75:
+            latest = 60 + 10 * (time.perf_counter() - begin) + 1
+            assert page.frame <= latest
+            time.sleep(0.02)
+        page._controls.moving.value = False
+        time.sleep(0.5)
+        still = page._globe._nodes["kind0"].points
+        time.sleep(0.5)
+        assert page._globe._nodes["kind0"].points is still
+        page._press("pause")
+        time.sleep(0.5)
+        stopped = page.frame
+        place = page.scenario.position_m("center", np.array([page.time_s]))[0] / 1e6
+        assert until(lambda: np.allclose(page._globe._nodes["kind0"].points, place, atol=1e-6))
+        time.sleep(0.5)
+        assert page.frame == stopped < page.frames[-1]
+        page._press("step")
+        assert until(lambda: page.frame == stopped + 1)
+
+
+@pytest.mark.ci
+def test_all_groups_of_a_scene_can_be_looked_at():
+    """Targets of the second launch: bodies, curve, boxes and main target; rocket bodies in orbits have no main one."""
+    renderer = ws.Renderer(ws.Scene.load("two_cameras"), "cpu")
+    with ws.view(renderer, port=0, sensors=["sat61.narrow"], band="A") as page:
+        controls = page._controls
+        assert controls.group.options == ("first", "second", "orbiting") and controls.group.visible
+        page.show(80)
+        assert {mark.target: mark.main for mark in page.shown[0].marks}["bus"] is True
+        controls.view.value = "group"
+        controls.group.value = "second"
+        assert until(lambda: controls.chosen_group == 1 and 1 in page._groups._views)
+        view = page._groups._views[1]
+        assert until(lambda: view.root.visible and view._text.text.startswith("about bus; axes"))
+        assert not page._globe.root.visible
+        controls.target.value = "bus"
+        alone = ws.light_curves(renderer.scene, [800.0], ["sat61.narrow"], ["bus"], ["A"]).snr[0, 0, 0, 0]
+        assert until(lambda: "bus" in controls.curves._plot.title)
+        assert until(lambda: np.nanmax(controls.curves._plot.data[-1]) == pytest.approx(alone, rel=0.05))
+        controls.group.value = "orbiting"
+        assert until(lambda: 2 in page._groups._views and page._groups._views[2]._text.text.startswith("about RB-A"))
+        assert until(lambda: not view.root.visible)
+        controls.view.value = "Earth"
+        assert until(lambda: page._globe.root.visible and not page._groups._views[2].root.visible)
+
+
+@pytest.mark.ci
 def test_a_page_of_two_kinds_without_a_sensor_lives():
     with ws.view(ws.Renderer(ws.Scene.load("two_cameras"), "cpu"), port=0) as page:
         page._controls.sensors.value = ""
         assert until(lambda: page.sensors == []) and lives(page, 5)
 
 
-@pytest.mark.ci
-def test_refused_numbers_leave_their_fields(renderer):
-    with ws.view(renderer, port=0, sensors=SENSORS) as page:
-        fields = page._scene_controls._fields
-        fields["sensors__0__optics__aperture_m"].value = "1e9"
-        assert until(lambda: page.status.problems.get("scene"))
-        assert until(lambda: fields["sensors__0__optics__aperture_m"].value == "0.4")
-        fields["sensors__0__camera__fov_deg"].value = "2"
-        assert until(lambda: page.scenario.scene.sensors[0].camera.fov_deg == 2.0)
-        assert not page.status.problems["scene"]
-        fields["seed"].value = 7
-        assert until(lambda: page.scenario.scene.seed == 7)
-        assert page._group.scenario is page.scenario
-
-
 def test_an_image_without_access_says_until_when(renderer):
     with ws.view(renderer, port=0, sensors=["sat27"]) as page:
-        for frame, note in ((84, "no access until 1162 s"), (60, ""), (155, "no access any more")):
+        for frame, note in (
+            (10, "no access: first at 295 s"),
+            (60, "access until 771.6 s"),
+            (84, "no access: lost at 771.6 s, again at 1162 s"),
+            (155, "no access: lost at 1438 s, not again"),
+        ):
             page.show(frame)
-            assert page._access_note("sat27") == note
-            assert ("no access" in page._tiles[0].content) == bool(note)
+            assert access_note(page.scenario, "sat27", page.time_s) == (note, frame == 60)
+            assert f">{note}</span>" in page._tiles[0].content
 
 
 def test_ports_are_whole_numbers(renderer):

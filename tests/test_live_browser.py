@@ -142,3 +142,113 @@ def test_a_recording_plays_from_a_file(browser, page, tmp_path):
     until(lambda: len(seen.add(tab.locator("input:visible").first.input_value()) or seen) > 3)  # its clock runs
     assert not errors and all(url.startswith(("file:", "data:", "blob:")) for url in asked)
     tab.close()
+
+
+def field(tab, label):
+    """The input beside a label."""
+    return tab.locator(f"xpath=//label[normalize-space(.)='{label}']/following::input[not(@type='hidden')][1]")
+
+
+def choose(tab, label, option):
+    """Take one of the names of a field."""
+    field(tab, label).click()
+    tab.get_by_role("option", name=option, exact=True).click()
+
+
+def test_typed_numbers_and_chosen_names_change_the_images(browser, renderer, scene):
+    """Letter by letter, as people type; what the scene refuses is said, and the image stays."""
+    with ws.view(renderer, port=0, sensors=SENSORS, band="C") as own:
+        tab, _ = opened(browser, own)
+        own.show(60)
+        tab.get_by_text("Scene", exact=True).click()
+        steps = [
+            ("field of view [deg]", "2.5", {"camera__fov_deg": 2.5}),
+            ("exposure [s]", "0.5", {"detector__exposure_s": 0.5}),
+            ("NEI [W/cm2]", "4e-18", {"detector__nei_w_cm2": 4e-18}),
+            ("PSF", "gaussian", {"optics__psf": "gaussian"}),
+            ("sigma [px]", "1.75", {"optics__sigma_px": 1.75}),
+            ("pointed at", "cone03", {"pointing__0__track": "cone03"}),
+            ("seed", "7", {"seed": 7}),
+        ]
+        changed = {}
+        for label, typed, change in steps:
+            if label in ("PSF", "pointed at"):
+                choose(tab, label, typed)
+            else:
+                field(tab, label).fill("")
+                field(tab, label).press_sequentially(typed, delay=80)
+            changed |= change
+            wanted = expected(ws.Renderer(scene.replace(**changed), "cpu"), 60)
+            until(lambda wanted=wanted: equal(greys(tab), wanted))
+            assert "as before" not in tab.inner_text(".status") and field(tab, label).input_value() == typed
+        for label, typed, words in (
+            ("field of view [deg]", "200", "fov_deg: must be"),
+            ("NEI [W/cm2]", "none", "nei_w_cm2: must be"),
+        ):
+            before = field(tab, label).input_value()
+            field(tab, label).fill(typed)
+            until(lambda words=words: words in tab.inner_text(".status"))
+            assert "; the scene is as before" in tab.inner_text(".status") and equal(greys(tab), wanted)
+            field(tab, label).fill(before)
+            until(lambda: "as before" not in tab.inner_text(".status"))
+        tab.close()
+
+
+def test_words_of_the_page_tell_access_main_and_merging_targets(browser, page, renderer):
+    page.show(84)
+    tab, _ = opened(browser, page)
+    until(lambda: "frame 84," in tab.inner_text(".status"))
+    until(lambda: "no access: lost at 771.6 s, again at 1162 s" in tab.locator(".tile").nth(1).inner_text())
+    first = tab.locator(".tile").first
+    assert "access until 1422 s" in first.inner_text() and "main target (center)" in tab.inner_text(".legend")
+    assert "295 to 771.6 s, 1162 to 1438 s" in tab.text_content(
+        ".access"
+    ) and "5 sensors have it now" in tab.inner_text(".access")
+    truth = renderer.truth([84], SENSORS[:1], "C")
+    clumps = {}
+    for row in truth[truth["in_fov"] & ~truth["resolvable"] & (truth["clump_id"] >= 0)]:
+        clumps.setdefault(int(row["clump_id"]), []).append(str(row["target"]))
+    a, b = next(names for names in clumps.values() if len(names) == 2)
+    assert f"{a} and {b} merge in sat11, band C" in first.inner_text()
+    (word,) = first.locator("svg text").all_text_contents()
+    assert word == "center (main)"
+    tab.close()
+
+
+def test_any_group_is_chosen_by_its_name(browser):
+    with ws.view(ws.Renderer(ws.Scene.load("two_cameras"), "cpu"), port=0, sensors=["sat61.narrow"]) as own:
+        own.show(80)
+        tab, _ = opened(browser, own)
+        choose(tab, "show", "group")
+        for group, middle in (("second", "bus"), ("orbiting", "RB-A"), ("first", "center")):
+            if group != field(tab, "group").input_value():
+                choose(tab, "group", group)
+            until(lambda middle=middle: own._groups._views.get(own._controls.chosen_group) is not None)
+            until(lambda middle=middle: f"about {middle}; axes" in shown_group(own)._text.text)
+            assert shown_group(own).root.visible
+        tab.close()
+
+
+def shown_group(page):
+    return page._groups._views[page._controls.chosen_group]
+
+
+def test_a_client_that_disappears_leaves_the_others_alone(browser, page, renderer):
+    """Its process ends, while the page plays to it: it closes nothing."""
+    gone, _ = opened(browser, page)
+    stays, _ = opened(browser, page)
+    page.show(60)
+    page._controls.speed.value = 50.0
+    page._press("play")
+    until(lambda: page.frame > 62)
+    with contextlib.suppress(Exception):
+        gone.goto("chrome://crash", timeout=5000)
+    at = page.frame
+    until(lambda: page.frame > at + 3)
+    page._press("pause")
+    page.show(66)
+    until(lambda: equal(greys(stays), expected(renderer, 66)))
+    assert page._player.is_alive and not page.status.problems["frame"]
+    stays.close()
+    with contextlib.suppress(Exception):
+        gone.close()

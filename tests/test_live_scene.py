@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import warpsim as ws
 from warpsim.live.globe import GlobeScene
-from warpsim.live.group_view import EXTENT, GroupView
+from warpsim.live.group_view import EXTENT, Groups, GroupView
 from warpsim.plot.group_figure import local_frame
 
 TIME_S = 600.0
@@ -25,7 +27,8 @@ class Recorded:
         assert name.startswith("add_")
 
         def add(path, *args, **kwargs):
-            node = SimpleNamespace(kind=name, args=args, remove=lambda: self.nodes.pop(path), **kwargs)
+            first = args[0] if args else None
+            node = SimpleNamespace(kind=name, args=args, points=first, remove=lambda: self.nodes.pop(path), **kwargs)
             self.nodes[path] = node
             return node
 
@@ -55,12 +58,30 @@ def test_satellites_and_targets_stand_where_they_are(globe, scene):
     assert len(points(globe, "satellites")) == 28 - len(seen)
     np.testing.assert_allclose(points(globe, "kind0"), scenario.position_m("center", at) / 1e6, atol=1e-6)
     names = {path.removeprefix("/earth/name_") for path in globe if path.startswith("/earth/name_")}
-    assert names == {*seen, "center"}
+    assert names == {*seen, "center (main)"}
     sights = points(globe, "sights")
     np.testing.assert_allclose(sights[:, 0], wanted, atol=1e-5)
     np.testing.assert_allclose(
         sights[:, 1], np.tile(scenario.position_m("center", at) / 1e6, (len(seen), 1)), atol=1e-5
     )
+
+
+def test_what_moves_is_moved_and_not_added_again(scene):
+    """At instants with the same satellites in access."""
+    recorded = Recorded()
+    globe = GlobeScene(recorded, scene.scenario, ["sat11"])
+    globe.show(TIME_S)
+    before = dict(recorded.nodes)
+    globe.show(TIME_S + 10.0)
+    alone = Recorded()
+    GlobeScene(alone, scene.scenario, ["sat11"]).show(TIME_S + 10.0)
+    moved = 0
+    for path, node in alone.nodes.items():
+        assert recorded.nodes[path] is before[path], path
+        if node.points is not None and not isinstance(node.points, str):
+            np.testing.assert_array_equal(before[path].points, node.points)
+            moved += not np.array_equal(before[path].points, before[path].args[0])
+    assert moved == 8  # satellites, those with access, four kinds of targets, lines of sight, edges of the field
 
 
 def test_the_field_of_view_is_the_cameras(globe, scene):
@@ -96,7 +117,7 @@ def test_bodies_stand_and_turn_as_in_the_scenario(scene):
     radial, along, cross = local_frame(position_m[0], velocity_m_s[0])
     local = np.stack([along, cross, radial])
     offsets = np.array([local @ (scenario.position_m(name, at)[0] - position_m[0]) for name in scenario.target_names])
-    bodies = [recorded.nodes[f"/group/body{number}"] for number in range(30)]
+    bodies = [recorded.nodes[f"/group0/body{number}"] for number in range(30)]
     scale = EXTENT / np.abs(offsets).max()
     np.testing.assert_allclose([body.position for body in bodies], scale * offsets, atol=1e-6)
     for name, body in zip(scenario.target_names, bodies, strict=True):
@@ -114,3 +135,78 @@ def test_absent_bodies_are_hidden(scene):
         assert all(
             node.visible is there for path, node in recorded.nodes.items() if path.count("/") == 2 and "body" in path
         )
+
+
+@pytest.fixture(scope="module")
+def three_groups():
+    return ws.Scene.load("two_cameras").scenario
+
+
+@pytest.mark.parametrize(("group", "middle"), [(0, "center"), (1, "bus"), (2, "RB-A")])
+def test_every_group_stands_about_its_first_target(three_groups, group, middle):
+    at, recorded = np.array([TIME_S]), Recorded()
+    view = GroupView(recorded, three_groups, group)
+    view.show(TIME_S)
+    members = [number for number, target in enumerate(three_groups.targets) if target.group == group]
+    names = [three_groups.target_names[number] for number in members]
+    assert names[0] == middle
+    position_m, velocity_m_s = three_groups.tracks.target_state(members[0], at)
+    radial, along, cross = local_frame(position_m[0], velocity_m_s[0])
+    local = np.stack([along, cross, radial])
+    offsets = np.array([local @ (three_groups.position_m(name, at)[0] - position_m[0]) for name in names])
+    bodies = [recorded.nodes[f"/group{group}/body{number}"] for number in members]
+    assert len([path for path in recorded.nodes if re.fullmatch(r".*/body\d+", path)]) == len(members)
+    scale = EXTENT / np.abs(offsets).max()
+    np.testing.assert_allclose([body.position for body in bodies], scale * offsets, atol=1e-6)
+    for name, body in zip(names, bodies, strict=True):
+        axis = local @ three_groups.body_axis(name, at)[0]
+        np.testing.assert_allclose(rotation_of(body).apply([0, 0, 1]), axis, atol=1e-9)
+    labels = {node.args[0] for path, node in recorded.nodes.items() if path.endswith("/name")}
+    assert labels == {f"{middle} (main)" if group < 2 else middle, *names[1:]}
+    words = recorded.nodes[f"/group{group}/scale"].text
+    assert words.startswith(f"about {middle}; axes ")
+    assert f" {'km' if group == 2 else 'm'}: along-track" in words
+
+
+def test_a_group_that_is_absent_says_so(three_groups):
+    recorded = Recorded()
+    view = GroupView(recorded, three_groups, 1)
+    view.show(100.0)
+    assert recorded.nodes["/group1/scale"].text == "no target of this group is there now"
+    assert not any(node.visible for path, node in recorded.nodes.items() if re.fullmatch(r".*/body\d+", path))
+
+
+def test_the_first_that_is_there_stands_for_an_absent_main(scene):
+    """Two targets in orbits of their own, of which the first is absent at first."""
+    recorded = Recorded()
+    view = GroupView(recorded, scene.scenario)
+    exists = scene.scenario.tracks.exist
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            type(scene.scenario.tracks), "exist", lambda self, i, t: exists(i, t) if i != 0 else np.array(False)
+        )
+        view.show(TIME_S)
+    assert not recorded.nodes["/group0/body0"].visible
+    np.testing.assert_allclose(recorded.nodes["/group0/body1"].position, 0.0, atol=1e-9)
+
+
+def test_large_groups_are_drawn_in_part(scene):
+    many = scene.replace(targets__1__count=400)
+    recorded = Recorded()
+    view = GroupView(recorded, many.scenario)
+    view.show(TIME_S)
+    assert len([path for path in recorded.nodes if re.fullmatch(r".*/body\d+", path)]) == 300
+    assert recorded.nodes["/group0/scale"].text.endswith("; 300 of 420 targets")
+    assert [node.args[0] for path, node in recorded.nodes.items() if path.endswith("/name")] == ["center (main)"]
+
+
+def test_one_group_is_visible_at_a_time(three_groups):
+    recorded = Recorded()
+    groups = Groups(recorded, three_groups)
+    assert not recorded.nodes
+    for chosen, visible in ((1, {1}), (2, {2}), (None, set()), (1, {1})):
+        groups.choose(chosen)
+        assert {
+            n for n in range(3) if f"/group{n}" in recorded.nodes and recorded.nodes[f"/group{n}"].visible
+        } == visible
+    assert "/group0" not in recorded.nodes

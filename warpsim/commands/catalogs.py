@@ -173,7 +173,7 @@ def _dataset(options: argparse.Namespace) -> int:
         raise InputError("must be left out with --scheduler, whose cluster has workers of its own", "--workers")
     n_worker = None if options.workers is None else whole_number("--workers", options.workers)
     recipe = Recipe.load(options.recipe, **changes)
-    start_warp()
+    start_warp(options.quiet, in_workers=True)
     with _executor(options.scheduler) as executor:
         report = write_dataset(
             recipe, options.output, executor, n_worker, options.device, options.overwrite, not options.quiet

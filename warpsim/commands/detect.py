@@ -61,7 +61,7 @@ def _detect(options: argparse.Namespace) -> int:
         "seed": whole_number("--seed", options.seed),
     }
     scenario = scenario_of(options.scene)
-    start_warp()
+    start_warp(options.quiet)
     renderer = Renderer(scenario, device=options.device)
     which: dict[str, Any] = {"sensors": names(options.sensors), "bands": names(options.bands)}
     some = scenario.sensors_with_access if options.sensors is None else scenario.select_sensors(which["sensors"])

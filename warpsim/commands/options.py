@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from warpsim.errors import InputError, printable_lines
 
 if TYPE_CHECKING:
+    from warpsim.commands.compile_notice import CompileNotice
     from warpsim.scene.scenario import Scenario
 
 SENSORS_HELP = "comma-separated sensors, kinds of them, or patterns like 'sat1*'"
@@ -23,38 +24,50 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="preset name (stss), or path of a .toml or .json file")
 
 
-def start_warp() -> None:
-    """Start Warp without its messages: the report is for a person.
+def start_warp(quiet: bool = False, in_workers: bool = False) -> None:
+    """Start Warp without its messages: the report is for a person, who is told while kernels are compiled.
 
     On a machine without an NVIDIA driver Warp's native part warns on the error stream at every start; that such a
     machine has no CUDA is known, so the stream is closed to it for that moment.
+
+    Args:
+        quiet: Whether nothing is said of kernels.
+        in_workers: Whether other processes compile, whose progress is not known here.
     """
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR
     if ctypes.util.find_library("cuda") is not None:
         wp.init()
-        _announce_compilation()
+    else:
+        sys.stderr.flush()
+        kept = os.dup(2)
+        try:
+            with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
+                os.dup2(nowhere.fileno(), 2)
+                wp.init()
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+    if not quiet:
+        _announce_compilation(Path(str(wp.config.kernel_cache_dir)), in_workers)
+
+
+def _announce_compilation(folder: Path, in_workers: bool) -> None:
+    """Let a person know, now or later, what the first command on a machine waits for."""
+    if in_workers:
+        if sys.stderr.isatty() and not any(folder.glob("wp_*")):
+            print(f"compiling kernels: about half a minute, once; they are kept in {folder}", file=sys.stderr)
         return
-    sys.stderr.flush()
-    kept = os.dup(2)
-    try:
-        with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
-            os.dup2(nowhere.fileno(), 2)
-            wp.init()
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-    _announce_compilation()
+    from warpsim.commands.compile_notice import CompileNotice
+    from warpsim.render.device import when_loading
+
+    if not _NOTICES:
+        _NOTICES.append(CompileNotice(str(folder)))
+        when_loading(_NOTICES[0].add)
 
 
-def _announce_compilation() -> None:
-    """Tell a person at a terminal what the first command on a machine waits for."""
-    import warp as wp
-
-    folder = Path(str(wp.config.kernel_cache_dir))
-    if sys.stderr.isatty() and not any(folder.glob("wp_*")):
-        print(f"compiling kernels: about half a minute, once; they are kept in {folder}", file=sys.stderr)
+_NOTICES: list[CompileNotice] = []  # one at most: a process may run several commands
 
 
 def scenario_of(source: str) -> Scenario:

@@ -94,7 +94,7 @@ def _render(options: argparse.Namespace) -> int:
     from warpsim.output.run import render_to_folder
 
     scenario = scenario_of(options.scene)
-    start_warp()
+    start_warp(options.quiet)
     report = render_to_folder(
         scenario,
         options.output,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+from pathlib import Path
 
 from warpsim.commands.options import SENSORS_HELP, frame_numbers, names, number, start_warp, whole_number
 from warpsim.errors import InputError
@@ -46,5 +47,6 @@ def _view(options: argparse.Namespace) -> int:
         if unknown := sorted(set(frames) - set(page.frames)):
             raise InputError("is no frame that the page has", "--frames", unknown[0])
         record(page, options.record, frames, fps, options.overwrite)
-        print(f"{options.record}: {len(frames)} frames")
+        size_mb = Path(options.record).stat().st_size / 1e6
+        print(f"{options.record}: {len(frames)} frames, {size_mb:.3g} MB")
     return 0

@@ -1,11 +1,11 @@
-"""Controls of the page: time, images, curves, and what changes the scene."""
+"""Controls of the page: time, images and curves."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from warpsim.live.changes import Change, changes
+from warpsim.live.changes import MOST_NAMES
 from warpsim.live.curves import QUANTITIES, Curves
 from warpsim.output.grey import CEILING_NEI
 from warpsim.scene.scenario import Scenario
@@ -27,11 +27,15 @@ class Controls:
 
     def __init__(self, gui: Any, scenario: Scenario, sensors: Sequence[str], frames: tuple[int, int, int]) -> None:
         first, last, begin = frames
+        self._groups = scenario.group_names
         self.status = gui.add_html("")
         self.slider = gui.add_slider("frame", first, max(last, first + 1), 1, begin)
         self.buttons = gui.add_button_group("time", ("play", "pause", "step"))
         self.speed = gui.add_slider("times real", 0.1, 100.0, 0.1, 10.0)
         self.view = gui.add_dropdown("show", (EARTH, GROUP) if scenario.targets else (EARTH,))
+        self.group = gui.add_dropdown("group", groups_with_targets(scenario) or ("none",))
+        self.group.visible = len(self.group.options) > 1
+        self.moving = gui.add_checkbox("play in 3-D too", True, hint="off: images play faster where no GPU draws")
         with gui.add_folder("Images"):
             self.sensors = gui.add_text("sensors", ",".join(sensors))
             self.band = gui.add_dropdown("band", (FIRST, *scenario.bands))
@@ -41,9 +45,14 @@ class Controls:
         self.access = gui.add_html("")
         self.curves = Curves(gui, scenario)
         with self.curves.folder:
-            self.target = gui.add_dropdown("target", scenario.target_names or ("none",))
+            self.target = gui.add_dropdown("target", tuple(scenario.target_names[:MOST_NAMES]) or ("none",))
             self.sensor = gui.add_dropdown("sensor", list(sensors) or scenario.sensor_names)
             self.quantity = gui.add_dropdown("quantity", QUANTITIES)
+
+    @property
+    def chosen_group(self) -> int | None:
+        """Number of the group that is shown instead of the Earth; None for the Earth."""
+        return self._groups.index(self.group.value) if self.view.value == GROUP else None
 
     @property
     def chosen_band(self) -> str | None:
@@ -69,47 +78,7 @@ class Controls:
         self.curves.choose(scenario, self.sensor.value, self.target.value, band, self.quantity.value)
 
 
-class SceneControls:
-    """Fields that change the scene.
-
-    Args:
-        gui: The server's `gui`.
-        scenario: What is shown.
-        sensor: One of the kind of sensors whose numbers are shown.
-        when_changed: Called when a value was changed.
-    """
-
-    def __init__(self, gui: Any, scenario: Scenario, sensor: str, when_changed: Callable[[], None]) -> None:
-        self.changes = changes(scenario, sensor)
-        self._fields = {}
-        with gui.add_folder("Scene", expand_by_default=False):
-            for change in self.changes:
-                if change.options:
-                    field = gui.add_dropdown(change.label, change.options, initial_value=change.value)
-                elif isinstance(change.value, int):
-                    field = gui.add_number(change.label, change.value, step=1)
-                else:
-                    field = gui.add_text(change.label, repr(change.value))  # as 1e-18 is no number of the page's
-                field.on_update(lambda _: when_changed() if self._is_changed() else None)
-                self._fields[change.path] = field
-
-    def _is_changed(self) -> bool:
-        return any(self.value(change) != change.value for change in self.changes)
-
-    def reset(self) -> None:
-        """Let all fields show what is in force."""
-        for change in self.changes:
-            field = self._fields[change.path]
-            shown = repr(change.value) if isinstance(change.value, float) else change.value
-            if field.value != shown:
-                field.value = shown
-
-    def value(self, change: Change) -> Any:
-        """What stands in a field; a text that is no number stays a text, which the scene refuses."""
-        value = self._fields[change.path].value
-        if isinstance(change.value, float):
-            try:
-                return float(value)
-            except ValueError:
-                return value
-        return value
+def groups_with_targets(scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of the groups that have targets."""
+    numbers = sorted({target.group for target in scenario.targets})
+    return tuple(scenario.group_names[number] for number in numbers)

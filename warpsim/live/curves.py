@@ -1,14 +1,12 @@
-"""Curves of targets over time, and bars of access, as parts of a page."""
+"""Curves of targets over time, as a part of a page."""
 
 from __future__ import annotations
 
-import html
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.plot.figure import plain
 from warpsim.render.light_curves import light_curves
 from warpsim.scene.scenario import Scenario
 
@@ -21,7 +19,7 @@ QUANTITIES = ("SNR", "irradiance [W/cm2]", "range [km]", "aspect [deg]", "temper
 
 _NO_ACCESS = "no access"
 _COLOURS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442")
-_BAR, _GAP, _LEFT, _WIDTH, _RIGHT = 12, 4, 60, 260, 190
+_DOT = 2.5  # dots, as lines would join what is on both sides of a gap
 
 
 class Curves:
@@ -60,8 +58,8 @@ class Curves:
         self._lines[_NO_ACCESS] = np.where(access, np.nan, total)
         if self._plot is not None:
             self._plot.remove()
-        series = [{"label": "t [s]"}, *({"label": name, "stroke": c, "width": 1.5} for name, c in self._coloured())]
-        mark = {"label": "now", "stroke": "#ff6b4a", "width": 0, "points": {"show": True, "size": 9}}
+        series = [{"label": "t [s]"}, *(_dots(name, colour, _DOT) for name, colour in self._coloured())]
+        mark = _dots("now", "#ff6b4a", 9)
         axis = {"stroke": "#aaa", "grid": {"stroke": "#333"}}
         scales = {"x": {"time": False, "range": (0.0, self._time_s[-1])}, "y": {"range": self._range()}}
         with self.folder:
@@ -95,31 +93,5 @@ class Curves:
             self._plot.data = self._data(time_s)
 
 
-def access_bars(scenario: Scenario, time_s: float) -> str:
-    """Return bars of the sensors with access, with begin and end in words, and a line at an instant, as HTML."""
-    duration_s = scenario.scene.duration_s
-    rows: list[tuple[str, list[tuple[float, float]]]] = []
-    for instrument in scenario.instruments.values():
-        access = instrument.access
-        for row in sorted(set(access.row.tolist())):
-            own = access.row == row
-            rows.append((instrument.names[row], list(zip(access.start_s[own], access.end_s[own], strict=True))))
-    height = (_BAR + _GAP) * len(rows)
-    parts = []
-    for number, (name, spans) in enumerate(rows):
-        y = number * (_BAR + _GAP)
-        now = any(start <= time_s <= end for start, end in spans)
-        words = ", ".join(f"{plain(start, 4)} to {plain(end, 4)} s" for start, end in spans)
-        parts.append(f'<text x="{_LEFT - 6}" y="{y + 10}" text-anchor="end" fill="#bbb">{html.escape(name)}</text>')
-        for start, end in spans:
-            x, width = _LEFT + _WIDTH * start / duration_s, max(_WIDTH * (end - start) / duration_s, 1.0)
-            colour = "#009e73" if now else "#35584d"
-            parts.append(f'<rect x="{x:.1f}" y="{y}" width="{width:.1f}" height="{_BAR}" fill="{colour}"/>')
-        parts.append(f'<text x="{_LEFT + _WIDTH + 6}" y="{y + 10}" fill="#888">{words}</text>')
-    x = _LEFT + _WIDTH * time_s / duration_s
-    parts.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="0" y2="{height}" stroke="#ff6b4a" stroke-width="2"/>')
-    return (
-        f'<div style="padding:0 10px;font:11px sans-serif;color:#bbb">access [s after the epoch]<svg '
-        f'viewBox="0 0 {_LEFT + _WIDTH + _RIGHT} {height}" style="width:100%;display:block" font-size="10">'
-        f"{''.join(parts)}</svg></div>"
-    )
+def _dots(label: str, colour: str, size: float) -> dict[str, Any]:
+    return {"label": label, "stroke": colour, "width": 0, "points": {"show": True, "size": size, "fill": colour}}

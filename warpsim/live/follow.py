@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from warpsim.errors import InputError, one_line
-from warpsim.live.shown_images import RenderedImages, ShownImage, marks_of
+from warpsim.live.shown_images import RenderedImages, ShownImage, main_targets, marks_of
 from warpsim.live.view import View
 from warpsim.serving.packet import HEADER, MAGIC
 from warpsim.serving.sockets import zmq_library
@@ -37,6 +37,7 @@ class Follower:
     def __init__(self, page: View, address: str) -> None:
         zmq = zmq_library("follow")
         self._page, self._stop = page, threading.Event()
+        self._mains = main_targets(page.scenario)
         self._socket: Any = zmq.Context.instance().socket(zmq.SUB)
         try:
             self._socket.connect(address)
@@ -79,7 +80,7 @@ class Follower:
             sensors = [sensor for sensor, of in images if of == own]
             marks = {}
             if isinstance(source, RenderedImages) and sensors:
-                marks = marks_of(source.renderer.truth([frame], sensors, own))
+                marks = marks_of(source.renderer.truth([frame], sensors, own), self._mains)
             return [
                 ShownImage(
                     sensor, own, images[sensor, own], scenario.instrument_of(sensor).levels[own],

@@ -54,6 +54,7 @@ class GlobeScene:
         scene.add_line_segments(f"{ROOT}/globe/coast", coast, _COAST, thickness=1.0, thickness_units="screen")
         scene.add_light_ambient(f"{ROOT}/sky_light", intensity=0.35)
         self._sun = scene.add_light_directional(f"{ROOT}/sun", intensity=3.0)
+        self._nodes: dict[str, Any] = {}
         self._add_paths()
         self._names: dict[str, Any] = {}
         self._kinds = target_kinds(scenario)
@@ -77,8 +78,10 @@ class GlobeScene:
     def _lines(self, name: str, segments: F64, colour: Any, width_px: float = 1.0) -> None:
         """Draw line segments (n, 2, 3) in place of those of the same name."""
         points = segments.astype(np.float32) if len(segments) else np.zeros((1, 2, 3), np.float32)
-        path = f"{ROOT}/{name}"
-        self._scene.add_line_segments(path, points, colour, thickness=width_px, thickness_units="screen")
+        if self._is_new(name, points):
+            self._nodes[name] = self._scene.add_line_segments(
+                f"{ROOT}/{name}", points, colour, thickness=width_px, thickness_units="screen"
+            )
 
     def show(self, time_s: float) -> None:
         """Move everything to an instant [s after the epoch]."""
@@ -96,7 +99,9 @@ class GlobeScene:
         self._points("observers", [place[name] for name in seen], _SEEN, 0.14)
         names = seen if len(seen) <= MOST_NAMES else []
         mains = [i for kind in self._kinds if kind.is_main for i in kind.targets if i in target]
-        self._name({name: place[name] for name in names} | {scenario.target_names[i]: target[i] for i in mains})
+        self._name(
+            {name: place[name] for name in names} | {f"{scenario.target_names[i]} (main)": target[i] for i in mains}
+        )
         for kind in self._kinds:
             own = [target[i] for i in kind.targets if i in target]
             self._points(f"kind{kind.number}", own, rgb(kind.colour), 0.16 if kind.is_main else 0.1)
@@ -131,9 +136,20 @@ class GlobeScene:
         return np.concatenate(edges) if edges else np.zeros((0, 2, 3))
 
     def _points(self, name: str, points: list[F64], colour: Any, size: float) -> None:
-        path = f"{ROOT}/{name}"
         where = np.array(points, np.float32).reshape(-1, 3)
-        self._scene.add_point_cloud(path, where, colour, point_size=size, point_shape="circle", precision="float32")
+        if self._is_new(name, where):
+            self._nodes[name] = self._scene.add_point_cloud(
+                f"{ROOT}/{name}", where, colour, point_size=size, point_shape="circle", precision="float32"
+            )
+
+    def _is_new(self, name: str, points: NDArray[np.float32]) -> bool:
+        """Return whether a node must be added; one of as many points is moved, which a browser does far faster."""
+        node = self._nodes.get(name)
+        if node is None or node.points.shape != points.shape:
+            return True
+        if not np.array_equal(node.points, points):
+            node.points = points
+        return False
 
     def _name(self, wanted: dict[str, F64]) -> None:
         """Names beside satellites and main targets."""

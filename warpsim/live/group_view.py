@@ -1,4 +1,4 @@
-"""A group of targets about its main one, with their attitudes, in a page's scene; unit metres or more."""
+"""Groups of targets about their main ones, with their attitudes, in a page's scene; unit metres or more."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.live.globe import quaternion_wxyz, rgb
+from warpsim.live.shown_images import is_main
 from warpsim.plot.figure import plain, target_kinds
 from warpsim.plot.group_figure import drawn_facets, group_offsets_m, local_frame
 from warpsim.scene.scenario import Scenario
@@ -21,13 +22,45 @@ EXTENT = 6.0
 _BODY = 0.22  # half extent of a drawn body, in the page's units
 _DARK = 0.45  # of a quarter of its sectors, so that spin shows
 _MOST_NAMES = 40
+_MOST_BODIES = 300
 _ORDER = [1, 2, 0]  # along-track, cross-track, radial
+
+
+class Groups:
+    """The groups of a scene, of which one is visible at most; each is made when it is first shown.
+
+    Args:
+        scene: The server's `scene`.
+        scenario: What is shown.
+    """
+
+    def __init__(self, scene: Any, scenario: Scenario) -> None:
+        self._scene, self._scenario = scene, scenario
+        self._views: dict[int, GroupView] = {}
+
+    def choose(self, group: int | None) -> None:
+        """Let one group be visible, or none."""
+        if group is not None and group not in self._views:
+            self._views[group] = GroupView(self._scene, self._scenario, group)
+        for number, view in self._views.items():
+            view.root.visible = number == group
+
+    def change(self, scenario: Scenario) -> None:
+        """Take another scene with the same groups."""
+        self._scenario = scenario
+        for view in self._views.values():
+            view.scenario = scenario
+
+    def show(self, group: int, time_s: float) -> None:
+        """Move the bodies of a chosen group to an instant [s after the epoch]."""
+        self._views[group].show(time_s)
 
 
 class GroupView:
     """Targets of one group in its main target's local frame: x along-track, y cross-track, z radial.
 
-    Distances are to scale, bodies are drawn far larger than they are.
+    Where the main target is absent, or there is none, the first one that is there stands for it. Distances are to
+    scale, bodies are drawn far larger than they are.
 
     Args:
         scene: The server's `scene`.
@@ -36,16 +69,17 @@ class GroupView:
     """
 
     def __init__(self, scene: Any, scenario: Scenario, group: int = 0) -> None:
-        self._scene, self.scenario = scene, scenario
-        self.root = scene.add_frame(ROOT, show_axes=True, axes_length=1.0, axes_radius=0.01, visible=False)
+        self._scene, self.scenario, self._path = scene, scenario, f"{ROOT}{group}"
+        self.root = scene.add_frame(self._path, show_axes=True, axes_length=1.0, axes_radius=0.01, visible=False)
         self._bodies: dict[int, Any] = {}
         self._targets: list[int] = []
-        for kind in target_kinds(scenario):
-            if kind.group == group:
-                self._targets += kind.targets
-                for target in kind.targets:
-                    self._bodies[target] = self._body(target, kind.colour)
-        self._text = scene.add_label(f"{ROOT}/scale", "", position=(0.0, 0.0, -EXTENT), anchor="top-center")
+        kinds = [kind for kind in target_kinds(scenario) if kind.group == group]
+        self._n_all = sum(len(kind.targets) for kind in kinds)
+        for kind in kinds:
+            for target in kind.targets[: _MOST_BODIES - len(self._targets)]:
+                self._targets.append(target)
+                self._bodies[target] = self._body(target, kind.colour)
+        self._text = scene.add_label(f"{self._path}/scale", "", position=(0.0, 0.0, -EXTENT), anchor="top-center")
 
     def _body(self, target: int, colour: str) -> Any:
         import trimesh
@@ -59,29 +93,38 @@ class GroupView:
         colours = np.concatenate([np.array(rgb(colour)) * shade[:, None], np.full((len(facets), 1), 255.0)], axis=1)
         mesh = trimesh.Trimesh(corners, faces, process=False)
         mesh.visual.vertex_colors = np.repeat(colours, 4, axis=0).astype(np.uint8)
-        name = self.scenario.target_names[target]
-        body = self._scene.add_mesh_trimesh(f"{ROOT}/body{target}", mesh, visible=False)
-        if len(self.scenario.targets) <= _MOST_NAMES:
-            self._scene.add_label(f"{ROOT}/body{target}/name", name, font_screen_scale=0.8)
+        name, main = self.scenario.target_names[target], is_main(self.scenario, target)
+        body = self._scene.add_mesh_trimesh(f"{self._path}/body{target}", mesh, visible=False)
+        if main or self._n_all <= _MOST_NAMES:
+            label, size = (f"{name} (main)", 1.0) if main else (name, 0.8)
+            self._scene.add_label(f"{self._path}/body{target}/name", label, font_screen_scale=size)
         return body
 
     def show(self, time_s: float) -> None:
         """Move the bodies to an instant [s after the epoch]; hide those that are absent."""
         scenario, at = self.scenario, np.array([time_s])
-        there = {target for target in self._targets if bool(scenario.tracks.exist(target, np.array(time_s)))}
-        if self._targets and self._targets[0] in there:
-            offset_m = group_offsets_m(scenario.tracks, self._targets, time_s)[:, _ORDER]
-            extent_m = max(float(np.abs(offset_m).max()), 1.0)
-            position_m, velocity_m_s = scenario.tracks.target_state(self._targets[0], at)
-            to_local = local_frame(position_m[0], velocity_m_s[0])[_ORDER]
-            for target, offset in zip(self._targets, offset_m, strict=True):
-                body = self._bodies[target]
-                body.position = tuple(EXTENT * offset / extent_m)
-                body.wxyz = quaternion_wxyz(to_local @ _body_axes(scenario, target, at))
-            one_m = plain(extent_m / EXTENT, 3)
-            self._text.text = f"axes {one_m} m: along-track, cross-track, radial (red, green, blue)"
+        there = [target for target in self._targets if bool(scenario.tracks.exist(target, np.array(time_s)))]
         for target, body in self._bodies.items():
             body.visible = target in there
+        if not there:
+            self._text.text = "no target of this group is there now"
+            return
+        offset_m = group_offsets_m(scenario.tracks, there, time_s)[:, _ORDER]
+        extent_m = max(float(np.abs(offset_m).max()), 1.0)
+        position_m, velocity_m_s = scenario.tracks.target_state(there[0], at)
+        to_local = local_frame(position_m[0], velocity_m_s[0])[_ORDER]
+        for target, offset in zip(there, offset_m, strict=True):
+            body = self._bodies[target]
+            body.position = tuple(EXTENT * offset / extent_m)
+            body.wxyz = quaternion_wxyz(to_local @ _body_axes(scenario, target, at))
+        self._text.text = self._words(scenario.target_names[there[0]], extent_m / EXTENT)
+
+    def _words(self, middle: str, axis_m: float) -> str:
+        """What stands below the group."""
+        length = f"{plain(axis_m, 3)} m" if axis_m < 1000 else f"{plain(axis_m / 1000, 3)} km"
+        words = f"about {middle}; axes {length}: along-track, cross-track, radial (red, green, blue)"
+        n_drawn = len(self._targets)
+        return words if n_drawn == self._n_all else f"{words}; {n_drawn} of {self._n_all:,} targets"
 
 
 def _body_axes(scenario: Scenario, target: int, at: F64) -> F64:

@@ -53,6 +53,8 @@ class Status:
         self.problems: dict[str, str] = {}
         """By what they are of: sensors, the scene, a frame."""
         self.n_dropped = 0
+        self.n_shown = 0
+        """Frames that were sent to the page."""
         self.note = ""
         """Of the source of images: that a server sends nothing, say."""
         self.latency_s: deque[float] = deque(maxlen=200)
@@ -60,6 +62,7 @@ class Status:
 
     def shown(self, begin_s: float) -> None:
         """Note that a frame was sent that was begun at a time of the performance counter."""
+        self.n_shown += 1
         self._shown_at.append(time.perf_counter())
         self.latency_s.append(self._shown_at[-1] - begin_s)
 

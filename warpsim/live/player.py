@@ -92,13 +92,14 @@ class Player:
         """Show what is asked for, and the next frames while playing, until the page is closed."""
         begin_s, begin, was_playing, page = 0.0, 0, False, self._page
         while not self._stop.is_set():
+            playing = self.playing  # which others may begin at any time
             offered, self._offered = self._offered, None
             if offered is not None:
                 self.wanted = offered[0]
                 self._show(*offered)
                 latency_s = page.status.latency_s
                 self._stop.wait(latency_s[-1] * (1 / MOST_LOAD - 1) if latency_s else 0.1)
-            elif self.playing:
+            elif playing:
                 now_s = time.perf_counter()
                 if not was_playing or self.wanted != page.frame:  # at first, and where the slider was moved
                     begin_s, begin = now_s, self.wanted
@@ -111,7 +112,7 @@ class Player:
             else:
                 self._work.wait(0.2)
                 self._work.clear()
-            was_playing = self.playing
+            was_playing = playing
 
     def _play_on(self, frame: int) -> None:
         """Show a frame while playing; one that fails is left behind."""

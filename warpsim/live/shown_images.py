@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -42,6 +43,8 @@ class Mark:
     snr: float
     clump: int
     """Targets that merge share it; -1 where that is not known."""
+    main: bool = False
+    """Whether it is the main target of its group."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +119,17 @@ class RenderedImages:
         return sorted(shown, key=lambda image: sensors.index(image.sensor))
 
 
+def is_main(scenario: Scenario, target: int) -> bool:
+    """Return whether a target, by its number, is the main one of its group, which the others leave."""
+    known = scenario.targets[target]
+    return known.entry == 0 and scenario.scene.groups[known.group].orbits is None
+
+
+def main_targets(scenario: Scenario) -> set[str]:
+    """Return the names of the main targets of all groups."""
+    return {name for number, name in enumerate(scenario.target_names) if is_main(scenario, number)}
+
+
 def images_of(frames: FrameSet, index: int, band: str) -> list[ShownImage]:
     """Return the images of one of some rendered frames in a band, sensor by sensor."""
     frames = frames.one_frame(index)
@@ -136,6 +150,7 @@ def images_of(frames: FrameSet, index: int, band: str) -> list[ShownImage]:
                 tuple(box_px[sensor, target].tolist()),
                 float(truth["snr"][sensor, target]),
                 int(truth["clump_id"][sensor, target]),
+                is_main(frames.scenario, int(target)),
             )
             for target in np.flatnonzero(visible[sensor])
         ]
@@ -168,7 +183,8 @@ class FolderImages:
         self._bands: dict[str, list[str]] = manifest["bands_of"]
         self.sensors = [name for name, numbers in self._frames.items() if numbers]
         with_truth = "truth" in manifest["tables"]
-        self._marks = marks_of(Table.read(self.folder / "truth.fits")) if with_truth else {}
+        truth = Table.read(self.folder / "truth.fits") if with_truth else None
+        self._marks = {} if truth is None else marks_of(truth, main_targets(self.scenario))
 
     def frames(self, sensor: str) -> Sequence[int]:
         """Numbers of the frames that a sensor has images of."""
@@ -192,14 +208,20 @@ class FolderImages:
         return shown
 
 
-def marks_of(table: Table) -> dict[tuple[int, str, str], list[Mark]]:
-    """Targets with light by frame, sensor and band, from a table of truth; boxes stand about the middle of a path."""
+def marks_of(table: Table, mains: AbstractSet[str]) -> dict[tuple[int, str, str], list[Mark]]:
+    """Targets with light by frame, sensor and band, from a table of truth; boxes stand about the middle of a path.
+
+    Args:
+        table: Truth.
+        mains: Names of the main targets.
+    """
     lit = np.asarray(table["in_fov"]) & (np.asarray(table["irradiance_w_cm2"]) != 0.0)
     marks: dict[tuple[int, str, str], list[Mark]] = {}
     for row in table[lit]:
         x_px, y_px, half_px = float(row["x_px"]), float(row["y_px"]), LEAST_BOX_PX / 2
         box_px = (x_px + 0.5 - half_px, y_px + 0.5 - half_px, LEAST_BOX_PX, LEAST_BOX_PX)
-        mark = Mark(_text(row["target"]), x_px, y_px, box_px, float(row["snr"]), int(row["clump_id"]))
+        name = _text(row["target"])
+        mark = Mark(name, x_px, y_px, box_px, float(row["snr"]), int(row["clump_id"]), name in mains)
         marks.setdefault((int(row["frame"]), _text(row["sensor"]), _text(row["band"])), []).append(mark)
     return marks
 

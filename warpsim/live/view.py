@@ -10,21 +10,22 @@ import time
 from collections.abc import Sequence
 from typing import Any, Self
 
-import numpy as np
-
-from warpsim.directions import normalised
 from warpsim.errors import InputError, one_line
 from warpsim.instant import utc_dates
+from warpsim.live.access_bars import access_bars, access_note
 from warpsim.live.changes import changed_scene
-from warpsim.live.controls import EARTH, GROUP, Controls, SceneControls
-from warpsim.live.curves import access_bars
+from warpsim.live.controls import EARTH, Controls
+from warpsim.live.first_look import CAMERA_OF_GROUP, camera_of_earth, first_frame
 from warpsim.live.globe import GlobeScene
-from warpsim.live.group_view import GroupView
+from warpsim.live.group_view import Groups
 from warpsim.live.page import Status, open_server
 from warpsim.live.player import ImagesOfBand, Player
-from warpsim.live.shown_images import Images, RenderedImages, ShownImage, images_of
-from warpsim.live.tile import tile_html
+from warpsim.live.scene_controls import SceneControls
+from warpsim.live.shown_images import Images, RenderedImages, ShownImage, images_of, main_targets
+from warpsim.live.tile import legend_html, tile_html
 from warpsim.render.frameset import FrameSet
+from warpsim.render.renderer import Renderer
+from warpsim.scene.scene import Scene
 
 PORT = 8080
 """Of the page."""
@@ -82,47 +83,34 @@ class View:
         server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False, control_width="large")
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(False)
-        server.initial_camera.position = self._camera(EARTH)
+        server.initial_camera.position = camera_of_earth(scenario)
         self._globe = GlobeScene(server.scene, scenario, self.sensors)
-        self._group = GroupView(server.scene, scenario) if scenario.targets else None
+        self._groups = Groups(server.scene, scenario)
         frames = sorted({frame for sensor in self.sensors for frame in self.images.frames(sensor)} or {0})
         self.frames, self._last = frames, frames[-1]
-        controls = Controls(server.gui, scenario, self.sensors, (frames[0], self._last, self._first_frame(frames)))
+        controls = Controls(
+            server.gui, scenario, self.sensors, (frames[0], self._last, first_frame(scenario, self.sensors, frames))
+        )
         self._controls = controls
         if band is not None:
             controls.band.value = band
         controls.slider.on_update(self._moved)
         controls.buttons.on_click(lambda _: self._press(controls.buttons.value))
-        controls.view.on_update(lambda _: self._look_at(controls.view.value))
+        for choice in (controls.view, controls.group):
+            choice.on_update(lambda _: self._look_at())
         controls.when_changed(self._player.ask_again, self._draw_curve)
         self._draw_curve()
-        if isinstance(self.images, RenderedImages) and self.sensors:
-            self._scene_controls = SceneControls(server.gui, scenario, self.sensors[0], self._change)
+        self._scene_controls: SceneControls | None = None
+        if isinstance(self.images, RenderedImages):
+            kind = scenario.instrument_of((self.sensors or scenario.sensor_names)[0]).sensor.name
+            self._scene_controls = SceneControls(server.gui, scenario, kind, self._change)
         panel = server.gui.add_panel()
         with panel.add_tab("Images"):
+            server.gui.add_html(legend_html([n for n in scenario.target_names if n in main_targets(scenario)]))
             self._tiles = [server.gui.add_html("") for _ in range(max(len(self.sensors), MOST_SHOWN))]
         panel.dock_left()
         panel.set_width(330)
         server.gui.main_panel.dock_right()
-
-    def _first_frame(self, frames: list[int]) -> int:
-        """The middle of the first shown sensor's access, so that there is something to see."""
-        if not self.sensors:
-            return frames[0]
-        instrument = self.scenario.instrument_of(self.sensors[0])
-        seen = instrument.has_access(instrument.index(self.sensors[0]), instrument.frame_time_s(frames))
-        with_access = np.flatnonzero(seen)
-        return frames[int(with_access[len(with_access) // 2])] if len(with_access) else frames[0]
-
-    def _camera(self, what: str) -> tuple[float, float, float]:
-        """Where the page's camera stands at first: above the first target, or behind and above the group."""
-        if what == GROUP:
-            return (-7.0, -10.0, 5.0)
-        scenario = self.scenario
-        middle = np.array([0.5 * scenario.scene.duration_s])
-        body = (scenario.target_names or scenario.satellite_names)[0]
-        x, y, z = 26.0 * normalised(scenario.position_m(body, middle)[0])
-        return float(x), float(y), float(z)
 
     @property
     def n_dropped(self) -> int:
@@ -218,29 +206,25 @@ class View:
                 tile.content = self._tile(by_sensor[sensor]) if sensor in by_sensor else none
             for tile in self._tiles[len(self.sensors) :]:
                 tile.content = ""
-            if self._group is not None and controls.view.value == GROUP:
-                self._group.show(time_s)
-            else:
-                self._globe.show(time_s)
+            if controls.moving.value or not self._player.playing:
+                self._show_in_space(time_s)
             controls.curves.show(time_s)
-            controls.access.content = access_bars(self.scenario, time_s)
+            controls.access.content = access_bars(self.scenario, time_s, self.sensors)
+
+    def _show_in_space(self, time_s: float) -> None:
+        """Move what there is in three dimensions."""
+        group = self._controls.chosen_group
+        if group is None:
+            self._globe.show(time_s)
+        else:
+            self._groups.show(group, time_s)
 
     def _tile(self, image: ShownImage) -> str:
         controls = self._controls
         with_counts = image.counts.size <= (_PLAYED_PX if self._player.playing else _COUNTS_PX)
-        note = self._access_note(image.sensor)
+        note = access_note(self.scenario, image.sensor, self.time_s)
         image = image.about_targets() if controls.crop.value else image
         return tile_html(image, controls.ceiling.value, controls.overlay.value, with_counts, note)
-
-    def _access_note(self, sensor: str) -> str:
-        """Say that a sensor has no access, and when it has it again."""
-        instrument, time_s = self.scenario.instrument_of(sensor), self.time_s
-        access = instrument.access
-        own = access.row == instrument.index(sensor)
-        if ((access.start_s <= time_s) & (time_s <= access.end_s) & own).any():
-            return ""
-        later = access.start_s[own & (access.start_s > time_s)]
-        return f"no access until {later.min():.4g} s" if len(later) else "no access any more"
 
     def note_of_source(self, note: str) -> None:
         """Let the line of status say something of where images come from; nothing for an empty text."""
@@ -272,37 +256,50 @@ class View:
 
     def _change(self) -> None:
         """Render another scene from now on: the one with the numbers of the page."""
+        controls = self._scene_controls
+        if controls is None or not isinstance(self.images, RenderedImages):
+            return
+        self.note_of_source("changing the scene ...")
         try:
             with self._lock:
-                if not isinstance(self.images, RenderedImages):
-                    return
-                known = self._scene_controls
-                scene = changed_scene(self.images.renderer.scenario, known.changes, known.value)
-                self.images = RenderedImages(self.images.renderer.with_scene(scene))
-                self.scenario = self._globe.scenario = self.images.scenario
-                if self._group is not None:
-                    self._group.scenario = self.scenario
-                known.changes = [change._replace(value=known.value(change)) for change in known.changes]
+                scene = changed_scene(self.images.renderer.scenario, controls.changes, controls.value)
+                if scene.to_dict() != self.scenario.scene.to_dict():
+                    self._take(scene, self.images.renderer)
+                controls.accept(self.scenario)
                 self.status.problems["scene"] = ""
-        except InputError as error:
-            self.status.problems["scene"] = str(error)
-            self._scene_controls.reset()
+        except Exception as error:  # also what no rule foresees, such as want of memory
+            problem = str(error) if isinstance(error, InputError) else one_line(error)
+            self.status.problems["scene"] = f"{problem}; the scene is as before"
+        self.note_of_source("")
+        self._tell()
         self._draw_curve()
         self._player.ask_again()
 
+    def _take(self, scene: Scene, renderer: Renderer) -> None:
+        """Take another scene, if its images can be rendered."""
+        images = RenderedImages(renderer.with_scene(scene))
+        images.at(max(self.frame, 0), self.sensors[:1], self._controls.chosen_band)
+        self.images, self.scenario = images, images.scenario
+        self._globe.scenario = self.scenario
+        self._groups.change(self.scenario)
+
     def _press(self, what: str) -> None:
         self._player.playing = what == "play"
+        if what == "pause":
+            self._player.ask_again()
         if what == "step":
             self._controls.slider.value = min(int(self._controls.slider.value) + 1, self._last)
             self._player.ask(int(self._controls.slider.value))
         self._player.wake()
 
-    def _look_at(self, what: str) -> None:
-        self._globe.root.visible = what == EARTH
-        if self._group is not None:
-            self._group.root.visible = what == GROUP
+    def _look_at(self) -> None:
+        """Show the Earth, or the chosen group."""
+        what = self._controls.view.value
+        with self._lock:
+            self._globe.root.visible = what == EARTH
+            self._groups.choose(self._controls.chosen_group)
         for client in self.server.get_clients().values():
-            client.camera.position = self._camera(what)
+            client.camera.position = camera_of_earth(self.scenario) if what == EARTH else CAMERA_OF_GROUP
             client.camera.look_at = (0.0, 0.0, 0.0)
         self._player.ask_again()
 
@@ -323,6 +320,8 @@ class View:
 
     def close(self) -> None:
         """Take the page away."""
+        if self._scene_controls is not None:
+            self._scene_controls.close()
         self._player.stop()
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()

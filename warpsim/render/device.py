@@ -17,6 +17,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -78,6 +79,17 @@ def rows_per_block(device: wp.Device, n_row: int, n_image: int) -> int:
     return min(max(n_image * n_row // ENOUGH_THREADS_CUDA, 1), ROWS_PER_BLOCK_CUDA)
 
 
+_WATCHERS: list[Callable[[Future[None]], None]] = []
+
+
+def when_loading(watch: Callable[[Future[None]], None]) -> None:
+    """Let a function know of each module that `KernelLoading` begins to load, from now on: it is called with a future.
+
+    Callbacks of that future are called before `KernelLoading.wait` returns.
+    """
+    _WATCHERS.append(watch)
+
+
 MOST_THREADS = 4
 """More do not help with the handful of modules that a frame has."""
 
@@ -104,6 +116,8 @@ class KernelLoading:
                 if (module, size) not in self._loads:
                     begun = self._pool.submit(self._load, module, size, self._first)
                     self._loads[module, size] = begun
+                    for watch in _WATCHERS:
+                        watch(begun)
                     if not self._device.is_cuda:
                         self._first = self._first or begun
 
