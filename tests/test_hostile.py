@@ -128,8 +128,10 @@ def test_want_of_memory_is_one_line(capsys, monkeypatch, error):
     assert (code, err) == (1, f"warpsim: there is not enough memory: {error}\n")
 
 
-def test_a_flight_of_ages_is_sampled_within_bounds():
-    assert ws.Scene.from_dict(scene_with("", trajectory__duration_s=6e11)).duration_s == 60.0
+def test_a_flight_of_ages_is_refused():
+    """It could not be found in a time that anybody waits."""
+    with pytest.raises(ws.InputError, match=r"trajectory\.duration_s: must be at most 2\.6784e\+06 \(31 days\)"):
+        ws.Scene.from_dict(scene_with("", trajectory__duration_s=6e11))
 
 
 HEADER = b"\x93NUMPY\x01\x00\x76\x00{'descr': '<f8', 'fortran_order': False, 'shape': (2, 3), }"

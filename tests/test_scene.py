@@ -151,7 +151,11 @@ ARC = {
         ({"targets": []}, "targets: must hold at least the main target"),
         (
             {"duration_s": 1e9, "trajectory__duration_s": 1e9},
-            "duration_s: 1e\\+09 s are too long for 58 sat",
+            "trajectory.duration_s: must be at most 2.6784e\\+06",
+        ),
+        (
+            {"duration_s": 2.6e6, "trajectory__duration_s": 2.6e6, "constellation__n_satellite": 28_000},
+            "duration_s: 2.6e\\+06 s are too long for 28030 sat",
         ),
         ({"bands": 3}, "bands: must be a list, got 3"),
         ({"name": "群"}, "name: must be printable ASCII text, got"),
