@@ -398,6 +398,15 @@ def test_bad_input_is_named_in_one_line(arguments, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.skipif(wp.is_cuda_available(), reason="there is one")
+@pytest.mark.parametrize("device", ["cuda", "cuda:0"])
+def test_a_gpu_that_is_not_there_is_told(device, capfd):
+    """In one line, without Warp's own."""
+    with pytest.raises(ws.InputError, match=r"^device: must be cpu, as no CUDA device was found: .*, got 'cuda"):
+        ws.deposit([[1.0, 2.0]], [1.0], ws.PsfGaussian(0.5), SHAPE, device=device)
+    assert "error 36" not in "".join(capfd.readouterr())
+
+
 def test_unknown_device_is_named():
     with pytest.raises(ws.InputError, match=r"^device: must be one of cpu"):
         ws.deposit([[1.0, 2.0]], [1.0], ws.PsfGaussian(0.5), SHAPE, device="tpu")

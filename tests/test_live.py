@@ -296,6 +296,20 @@ def test_a_recording_is_as_large_as_the_guide_says_and_the_command_tells_its_siz
     assert 25e3 < (size[10] - size[2]) / 8 < 60e3
 
 
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--fps", "20"], "--fps: goes with --record alone"),
+        (["--frames", "60:64"], "--frames: goes with --record alone"),
+        (["--overwrite"], "--overwrite: goes with --record alone"),
+        (["--follow", "tcp://127.0.0.1:5999", "--record", "a.gif"], "--follow: must not come with --record: "),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(options, text, capsys):
+    assert main(["view", "stss", *options]) == 1
+    assert capsys.readouterr().err.startswith(f"warpsim: {text}")
+
+
 @pytest.mark.ci
 def test_a_page_follows_a_server(renderer):
     pytest.importorskip("zmq")

@@ -21,7 +21,7 @@ def add_commands(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     view.add_argument("--follow", metavar="ADDRESS", help="show what `warpsim serve SOURCE --address ADDRESS` sends")
     view.add_argument("--record", metavar="FILE", help="write a recording instead: .html, .mp4 or .gif")
     view.add_argument("--frames", metavar="A:B[:STEP]", help="of the recording; all if left out")
-    view.add_argument("--fps", default="10", metavar="N", help="frames per second of the recording (10)")
+    view.add_argument("--fps", metavar="N", help="frames per second of the recording (10)")
     view.add_argument("--overwrite", action="store_true", help="replace an existing recording")
     view.set_defaults(command=_view)
 
@@ -31,8 +31,9 @@ def _view(options: argparse.Namespace) -> int:
     from warpsim.live.recording import record
     from warpsim.live.sources import view
 
+    _check_together(options)
     port = 0 if options.record else whole_number("--port", options.port)
-    fps, chosen = number("--fps", options.fps), frame_numbers(options.frames)
+    fps, chosen = number("--fps", options.fps or "10"), frame_numbers(options.frames)
     sequence = whole_number("--sequence", options.sequence)
     start_warp()
     with view(options.source, port, names(options.sensors), options.band, sequence) as page:
@@ -50,3 +51,12 @@ def _view(options: argparse.Namespace) -> int:
         size_mb = Path(options.record).stat().st_size / 1e6
         print(f"{options.record}: {len(frames)} frames, {size_mb:.3g} MB")
     return 0
+
+
+def _check_together(options: argparse.Namespace) -> None:
+    """Check that options which belong to a recording come with one, and that it follows nobody."""
+    for name in ("frames", "fps", "overwrite"):
+        if getattr(options, name) and not options.record:
+            raise InputError("goes with --record alone", f"--{name}")
+    if options.record and options.follow:
+        raise InputError("must not come with --record: a page follows, a recording is rendered", "--follow")

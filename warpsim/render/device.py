@@ -38,6 +38,8 @@ def default_device(device: Any = None) -> wp.Device:
     """The device asked for; CUDA where present, else the CPU, when None."""
     if device is None:
         device = "cuda:0" if wp.is_cuda_available() else "cpu"
+    if str(device).startswith("cuda") and not wp.is_cuda_available():
+        raise InputError("must be cpu, as no CUDA device was found: is there a GPU, and its driver?", "device", device)
     try:
         return wp.get_device(device)
     except Exception:
