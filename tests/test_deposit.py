@@ -399,11 +399,11 @@ def test_bad_input_is_named_in_one_line(arguments, message):
 
 
 @pytest.mark.skipif(wp.is_cuda_available(), reason="there is one")
-@pytest.mark.parametrize("device", ["cuda", "cuda:0"])
-def test_a_gpu_that_is_not_there_is_told(device, capfd):
+@pytest.mark.parametrize("name", ["cuda", "cuda:0"])
+def test_a_gpu_that_is_not_there_is_told(name, capfd):
     """In one line, without Warp's own."""
     with pytest.raises(ws.InputError, match=r"^device: must be cpu, as no CUDA device was found: .*, got 'cuda"):
-        ws.deposit([[1.0, 2.0]], [1.0], ws.PsfGaussian(0.5), SHAPE, device=device)
+        ws.deposit([[1.0, 2.0]], [1.0], ws.PsfGaussian(0.5), SHAPE, device=name)
     assert "error 36" not in "".join(capfd.readouterr())
 
 
