@@ -306,7 +306,7 @@ def test_a_recording_is_as_large_as_the_guide_says_and_the_command_tells_its_siz
     ],
 )
 def test_options_that_would_do_nothing_are_refused(options, text, capsys):
-    assert main(["view", "stss", *options]) == 1
+    assert main(["view", "stss", *options]) == 2
     assert capsys.readouterr().err.startswith(f"warpsim: {text}")
 
 
