@@ -52,6 +52,12 @@ def test_a_page_without_cesium_loads_nothing_and_says_how_to_give_it(scene, tmp_
     assert "--cesium" in text and "<title>stss</title>" in text
 
 
+@pytest.mark.parametrize("url", ["http://[::1]:8000/Cesium", "HTTPS://example.org/Cesium/"])
+def test_urls_of_cesium_stay_as_they_are(scene, tmp_path, url):
+    ws.write_czml(scene, tmp_path / "a.czml", html=tmp_path / "a.html", cesium=url)
+    assert f'src="{url.rstrip("/")}/Cesium.js"' in (tmp_path / "a.html").read_text("utf-8")
+
+
 def test_a_page_links_to_the_cesium_that_is_given_and_to_nothing_else(scene, tmp_path, cesium):
     (tmp_path / "pages").mkdir()
     page = tmp_path / "pages" / "a.html"
@@ -87,6 +93,8 @@ def test_words_of_a_scene_do_not_become_a_page(scene, tmp_path):
         ),
         ({"html": "a.html", "cesium": "ftp://x/Cesium"}, "^cesium: must be a URL"),
         ({"cesium": "https://x/Cesium"}, "^cesium: serves the page alone"),
+        ({"html": "a.html", "cesium": "https://x/b?c=d"}, "^cesium: must be the URL of a folder, without a query"),
+        ({"html": "a.html", "cesium": 3}, "^cesium: must be a URL or a folder, got 3"),
     ],
 )
 def test_bad_pages_are_refused_before_anything_is_written(scene, tmp_path, monkeypatch, more, message):

@@ -182,3 +182,19 @@ def test_each_kind_of_sensors_has_its_fields():
         assert all(path == "seed" or path.startswith("sensors__2__") for path in controls.fields)
         controls.fields["sensors__2__camera__fov_deg"].value = "0.7"
         assert until(lambda: page.scenario.scene.sensors[2].camera.fov_deg == 0.7)
+
+
+@pytest.mark.ci
+def test_what_was_typed_is_told_before_another_kind_is_shown():
+    """Nothing is lost, and the fields of the other kind are those of the scene with it."""
+    with ws.view(ws.Renderer(ws.Scene.load("visible_to_lwir"), "cpu"), port=0, sensors=["sat11.visible"]) as page:
+        controls = page._scene_controls
+        controls.fields["sensors__0__camera__fov_deg"].value = "0.9"
+        controls.fields["seed"].value = 77
+        controls.kind.value = "lwir"
+        assert until(lambda: "sensors__2__detector__nei_w_cm2" in controls.fields)
+        assert page.scenario.scene.sensors[0].camera.fov_deg == 0.9
+        assert (page.scenario.scene.seed, controls.fields["seed"].value) == (77, 77)
+        controls.fields["sensors__2__camera__fov_deg"].value = "0.7"
+        assert until(lambda: page.scenario.scene.sensors[2].camera.fov_deg == 0.7)
+        assert page.scenario.scene.seed == 77

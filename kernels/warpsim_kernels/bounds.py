@@ -109,25 +109,27 @@ def make_bounds_kernel(light: LightFunctions, stamps: StampFunctions, streaks: b
         rule: StampRule,
         rules: StreakRules,
         noise: PixelNoise,
-        windows: wp.array3d[wp.vec4i],  # (n_view, n_band, n_target) first column, end column, first row, end row
-        first: wp.array3d[wp.int32],  # (n_view, n_band, n_target) of a target's values; where they move
+        item: wp.array[wp.vec3i],  # (n_item,) view, band and number of a target with light
+        windows: wp.array[wp.vec4i],  # (n_item,) first column, end column, first row, end row
+        first: wp.array[wp.int32],  # (n_item,) of a target's values; where they move
         # out
-        sigma: wp.array3d[wp.vec3d],  # (n_view, n_band, n_target) of x, y, and of the light over itself
+        sigma: wp.array[wp.vec3d],  # (n_item,) of x, y, and of the light over itself
         values: wp.array[wp.vec4d],  # fractions of pixels and their derivatives, for this kernel alone
     ):
-        view, band, number = wp.tid()
+        i = wp.tid()
+        view = item[i][0]
+        band = item[i][1]
+        number = item[i][2]
         irradiance = targets.irradiance_w_cm2[view, band, number]
-        if irradiance == 0.0:
-            return
         xy_px = targets.xy_px[view, number]
         background = wp.float64(0.0)
         if targets.background_w_cm2.shape[0] > 0:
             background = wp.max(wp.float64(targets.background_w_cm2[view, band, number]), wp.float64(0.0))
-        window = window_at(windows[view, band, number])
+        window = window_at(windows[i])
         at = int(0)
         stamp = Stamp()
         if wp.static(streaks):
-            at = first[view, band, number]
+            at = first[i]
             source = source_of(view, band, number, xy_px, irradiance)
             add_streak(targets, tables, rule, rules, source, window, values, at)
         else:
@@ -153,6 +155,6 @@ def make_bounds_kernel(light: LightFunctions, stamps: StampFunctions, streaks: b
                     slope = wp.vec3d(value[1], value[2], value[0])
                     variance = noise.variance_w2_cm4[band] + noise.shot_w_cm2[band] * (value[0] + background)
                     fisher += wp.outer(slope, slope) / variance
-        sigma[view, band, number] = bounds(fisher)
+        sigma[i] = bounds(fisher)
 
     return bounds_kernel

@@ -75,7 +75,7 @@ class CompileNotice:
             return
         where = f"once; they are kept in {self._folder}"
         if sys.stderr.isatty():
-            bar = "#" * (_BAR * self._n_compiled // self._n_to_compile)
+            bar = "#" * (_BAR * self._n_compiled // max(self._n_to_compile, 1))
             line = f"compiling kernels  [{bar:{_BAR}}] {self._n_compiled}/{self._n_to_compile}, {where}"
             n_column = shutil.get_terminal_size().columns
             print(f"{_CLEAR}{line[: n_column - 1]}", end="", file=sys.stderr, flush=True)

@@ -36,6 +36,7 @@ class SceneControls:
         self._telling, self._closed = threading.Lock(), False
         self.fields: dict[str, Any] = {}
         """What stands on the page, by path."""
+        self._kind = kind
         self._folder = gui.add_folder("Scene", expand_by_default=False)
         with self._folder:
             gui.add_html(_NOTE)
@@ -69,12 +70,18 @@ class SceneControls:
                 field.disabled = self.fields[path.removesuffix(SIGMA) + PSF].value != "gaussian"
 
     def _show_kind(self) -> None:
-        """Show the fields of another kind of sensors."""
-        fields, self.fields = self.fields, {}
-        for field in fields.values():
-            field.remove()
-        self.changes = changes(self._scenario, self.kind.value)
-        self._add_fields()
+        """Show the fields of another kind of sensors, once what was changed of the one before is told."""
+        with self._telling:
+            if self._timer is not None:
+                self._timer.cancel()
+                self._timer = None
+                self._when_changed()
+            fields, self.fields = self.fields, {}
+            for field in fields.values():
+                field.remove()
+            self._kind = self.kind.value
+            self.changes = changes(self._scenario, self._kind)
+            self._add_fields()
 
     def _changed(self, pause_s: float) -> None:
         """Tell that a value was changed, unless another is within the pause: letters come one by one."""
@@ -86,12 +93,14 @@ class SceneControls:
 
     def _tell(self) -> None:
         with self._telling:
+            if self._timer is threading.current_thread():
+                self._timer = None
             if not self._closed:
                 self._when_changed()
 
     def accept(self, scenario: Scenario) -> None:
         """Take a scene, which has the values of the fields, for the one in force."""
-        self._scenario, self.changes = scenario, changes(scenario, self.kind.value)
+        self._scenario, self.changes = scenario, changes(scenario, self._kind)
         for change in self.changes:
             if change.path.endswith(SIGMA) and self.value(change) != change.value:
                 self.fields[change.path].value = _text(change.value)

@@ -52,7 +52,7 @@ class Fit:
     converged: bool
     """Whether the search ended at a minimum."""
     at_bound: list[str]
-    """Parameters that ended on a bound, where the data ask for more than may be: no errors hold for these."""
+    """Parameters that ended on a bound, as the data ask for it or for more: no errors hold for these."""
 
     @property
     def degenerate(self) -> str:

@@ -96,7 +96,7 @@ class BallisticArc:
             rule = "must be > -100 (heights are above WGS84)"
             raise InputError(rule, "endpoint_altitude_km", self.endpoint_altitude_km, "g")
         if self.duration_s > LONGEST_ARC_S:
-            raise InputError(f"must be at most {LONGEST_ARC_S:g} (31 days)", "duration_s", self.duration_s, "g")
+            raise InputError(f"must be at most {LONGEST_ARC_S:.0f} (31 days)", "duration_s", self.duration_s, ".9g")
         return self
 
     def flight(self, epoch: Epoch | None = None) -> Flight:

@@ -85,9 +85,13 @@ def checked_cesium(html: Path | None, cesium: str | os.PathLike[str] | None, ove
     check_new_file(html, (".html",), overwrite)
     if cesium is None:
         return None
+    if not isinstance(cesium, str | os.PathLike):
+        raise InputError("must be a URL or a folder", "cesium", cesium)
     text = os.fspath(cesium)
-    if re.match(r"https?://", text):
-        return f"{quote(text, safe=':/%@~+,=')}".rstrip("/") + "/"
+    if re.match(r"https?://", text, re.IGNORECASE):
+        if re.search(r"[?#]", text):
+            raise InputError("must be the URL of a folder, without a query", "cesium", text)
+        return quote(text, safe=":/%@~+,=[]").rstrip("/") + "/"
     folder = Path(text)
     if not (folder / SCRIPT).is_file():
         raise InputError(f"must be a URL (https://...), or a folder that holds {SCRIPT}", "cesium", text)

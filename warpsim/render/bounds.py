@@ -8,12 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
-from warpsim_kernels.resolution import TargetImages
-from warpsim_kernels.streaks import Paths
 
 from warpsim.detector.levels import ElectronLevels, noise_variance
 from warpsim.launches import to_numpy
-from warpsim.optics.psf_bank import paths_struct
 from warpsim.render.batch import HostColumns
 from warpsim.render.device_scene import DeviceScene
 from warpsim.scene.instrument import Instrument
@@ -21,7 +18,7 @@ from warpsim.scene.instrument import Instrument
 Ints = npt.NDArray[np.int64]
 
 MOST_VALUES = 2**22
-"""Pixels about moving targets that are held at a time, of 32 bytes; those of one view at least."""
+"""Pixels about moving targets that are held at a time, of 32 bytes; those of one target at least."""
 
 
 def full_w_cm2(instrument: Instrument, band: str) -> float:
@@ -51,18 +48,17 @@ def cramer_rao_bounds(
     if found.size == 0:
         return found
     noise = _pixel_noise(instrument, bands, scene.device)
-    windows = _windows(instrument, seen, half_px)
-    n_pixel = (windows[..., 1] - windows[..., 0]) * (windows[..., 3] - windows[..., 2])
-    for first, end in _parts(n_pixel.reshape(shape[0], -1).sum(axis=1) if moving else np.zeros(shape[0], np.int64)):
-        part = _part(targets, first, end, moving)
-        sigma = wp.full(part.irradiance_w_cm2.shape, wp.vec3d(np.nan), dtype=wp.vec3d, device=scene.device)
-        own = n_pixel[first:end] if moving else n_pixel[:0]
-        starts = (np.cumsum(own) - own.ravel()).reshape(own.shape)
-        kinds = ((windows[first:end], wp.vec4i), (starts, wp.int32))
+    item = np.argwhere(to_numpy(targets.irradiance_w_cm2) > 0.0)
+    window = _windows(instrument, seen, half_px)[tuple(item.T)]
+    n_value = (window[:, 1] - window[:, 0]) * (window[:, 3] - window[:, 2]) * int(moving)
+    for first, end in _parts(n_value):
+        own = n_value[first:end]
+        kinds = ((item[first:end], wp.vec3i), (window[first:end], wp.vec4i), (np.cumsum(own) - own, wp.int32))
         given = [wp.array(array.astype(np.int32), dtype=dtype, device=scene.device) for array, dtype in kinds]
+        sigma = wp.empty(end - first, dtype=wp.vec3d, device=scene.device)
         values = wp.empty(int(own.sum()), dtype=wp.vec4d, device=scene.device)
-        scene.psf.measure_bounds(part, scene.stamp_rule, noise, given, [sigma, values], moving)
-        found[first:end] = to_numpy(sigma).reshape(end - first, *shape[1:], 3)
+        scene.psf.measure_bounds(targets, scene.stamp_rule, noise, given, [sigma, values], moving)
+        found[tuple(item[first:end].T)] = to_numpy(sigma).reshape(-1, 3)
     return found
 
 
@@ -79,28 +75,15 @@ def _windows(instrument: Instrument, seen: HostColumns, half_px: npt.NDArray[np.
 
 
 def _parts(n_value: Ints) -> Iterator[tuple[int, int]]:
-    """First and end of views whose values are held together."""
+    """First and end of targets whose values are held together."""
     first, held = 0, 0
-    for view, n in enumerate(n_value.tolist()):
-        if held and held + n > MOST_VALUES:
-            yield first, view
-            first, held = view, 0
+    for number, n in enumerate(n_value.tolist()):
+        if held + n > MOST_VALUES and number > first:
+            yield first, number
+            first, held = number, 0
         held += n
-    yield first, len(n_value)
-
-
-def _part(targets: Any, first: int, end: int, moving: bool) -> Any:
-    """The kernels' TargetImages of some views."""
-    part: Any = TargetImages()
-    for name in ("xy_px", "irradiance_w_cm2", "background_w_cm2"):
-        whole = getattr(targets, name)
-        if whole is not None and whole.size:
-            setattr(part, name, whole[first:end])
-    part.paths = Paths()
-    if moving:
-        paths = targets.paths
-        part.paths = paths_struct(paths.offset_px[first:end], paths.brightness[first:end], paths.n_target)
-    return part
+    if first < len(n_value):
+        yield first, len(n_value)
 
 
 def _pixel_noise(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> Any:
