@@ -29,15 +29,17 @@ def add_commands(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def _view(options: argparse.Namespace) -> int:
     from warpsim.live.follow import Follower
     from warpsim.live.recording import record
-    from warpsim.live.sources import view
+    from warpsim.live.sources import images_from
+    from warpsim.live.view import View
 
     _check_together(options)
     port = 0 if options.record else whole_number("--port", options.port)
     fps, chosen = number("--fps", options.fps or "10"), frame_numbers(options.frames)
     sequence = whole_number("--sequence", options.sequence)
     start_warp()
-    with view(options.source, port, names(options.sensors), options.band, sequence) as page:
+    with View(images_from(options.source, sequence), port, names(options.sensors), options.band) as page:
         if options.record is None:
+            page.watch()
             with Follower(page, options.follow) if options.follow else contextlib.nullcontext():
                 print(f"{page.url} shows {page.scenario.scene.name}; Ctrl-C ends", flush=True)
                 page.run()

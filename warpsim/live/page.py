@@ -57,6 +57,8 @@ class Status:
         """Frames that were sent to the page."""
         self.note = ""
         """Of the source of images: that a server sends nothing, say."""
+        self.progress = ""
+        """How much is there of a run that is still being rendered."""
         self.latency_s: deque[float] = deque(maxlen=200)
         self._shown_at: deque[float] = deque(maxlen=60)
 
@@ -73,8 +75,10 @@ class Status:
         rate = f"{(len(self._shown_at) - 1) / since_s:.1f} frames/s, " if since_s > 0 else ""
         lines = filter(None, [self.note, *self.problems.values()])
         problems = "".join(f'<div style="color:#ff6b4a">{html.escape(line)}</div>' for line in lines)
+        progress = f"<br>{html.escape(self.progress)}" if self.progress else ""
         return (
             '<div class="status" style="padding:0 10px;font:12px sans-serif">'
             f"frame {frame}, {time_s:g} s, {date} UTC<br>"
-            f"{rate}sent within {p50_ms:.0f} ms (99 %: {p99_ms:.0f} ms), {self.n_dropped} dropped{problems}</div>"
+            f"{rate}sent within {p50_ms:.0f} ms (99 %: {p99_ms:.0f} ms), {self.n_dropped} dropped"
+            f"{progress}{problems}</div>"
         )

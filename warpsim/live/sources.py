@@ -9,6 +9,7 @@ from pathlib import Path
 from warpsim.dataset.rebuild import rebuild_sequence
 from warpsim.errors import InputError
 from warpsim.files import read_json
+from warpsim.live.growing_run import GrowingImages, unfinished_run
 from warpsim.live.shown_images import FolderImages, Images, RenderedImages
 from warpsim.live.view import PORT, View
 from warpsim.output.output_folder import MANIFEST
@@ -31,8 +32,8 @@ def view(
 
     Args:
         source: A scene, its scenario, or a renderer of it: frames are rendered as the page asks for them. Or a path: of
-            a scene file, of the folder of a run, whose images are read back, or of a data set, of which a sequence is
-            rendered again.
+            a scene file, of the folder of a run, finished or not, whose images are read back, or of a data set, of
+            which a sequence is rendered again.
         port: TCP port on this machine; 0 chooses a free one.
         sensors: Sensors whose images are shown; the first six that have access when left out.
         band: Band that is shown; the first one of each sensor when left out.
@@ -45,7 +46,9 @@ def view(
         InputError: viser (extra `live`) is not installed, the port is in use, an unknown sensor or band, or a path that
             holds none of these.
     """
-    return View(images_from(source, sequence), port, sensors, band)
+    page = View(images_from(source, sequence), port, sensors, band)
+    page.watch()
+    return page
 
 
 def images_from(source: Scene | Scenario | Renderer | str | os.PathLike[str], sequence: int = 0) -> Images:
@@ -55,6 +58,11 @@ def images_from(source: Scene | Scenario | Renderer | str | os.PathLike[str], se
     if isinstance(source, Scene | Scenario):
         return RenderedImages(Renderer(source))
     if Path(source).is_dir():
+        unfinished = unfinished_run(source)
+        if unfinished is not None and "recipe" in unfinished:
+            raise InputError("holds a data set that is unfinished").of(source)
+        if unfinished is not None:
+            return GrowingImages(source)
         manifest = read_json(Path(source) / MANIFEST)
         if isinstance(manifest, dict) and "recipe" in manifest:
             return RenderedImages(Renderer(rebuild_sequence(source, sequence).scene))

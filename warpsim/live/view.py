@@ -18,6 +18,7 @@ from warpsim.live.controls import EARTH, Controls
 from warpsim.live.first_look import CAMERA_OF_GROUP, camera_of_earth, first_frame
 from warpsim.live.globe import GlobeScene
 from warpsim.live.group_view import Groups
+from warpsim.live.growing_run import GrowingImages, Watch
 from warpsim.live.page import Status, open_server
 from warpsim.live.player import ImagesOfBand, Player
 from warpsim.live.scene_controls import SceneControls
@@ -72,6 +73,7 @@ class View:
         self.sensors = list(chosen)
         """Sensors whose images are shown."""
         self._lock = threading.RLock()
+        self._watch: Watch | None = None
         self._player = Player(self, self._try_to_show, self._frames_per_s)
         self._set_up(band)
         self.show(int(self._controls.slider.value))
@@ -86,8 +88,8 @@ class View:
         server.initial_camera.position = camera_of_earth(scenario)
         self._globe = GlobeScene(server.scene, scenario, self.sensors)
         self._groups = Groups(server.scene, scenario)
-        frames = sorted({frame for sensor in self.sensors for frame in self.images.frames(sensor)} or {0})
-        self.frames, self._last = frames, frames[-1]
+        frames = self.frames = self._frames_there()
+        self._last = frames[-1]
         controls = Controls(
             server.gui, scenario, self.sensors, (frames[0], self._last, first_frame(scenario, self.sensors, frames))
         )
@@ -111,6 +113,10 @@ class View:
         panel.dock_left()
         panel.set_width(330)
         server.gui.main_panel.dock_right()
+
+    def _frames_there(self) -> list[int]:
+        """Numbers of the frames that there are images of."""
+        return sorted({frame for sensor in self.sensors for frame in self.images.frames(sensor)} or {0})
 
     @property
     def n_dropped(self) -> int:
@@ -232,6 +238,34 @@ class View:
             self.status.note = note
             self._tell()
 
+    def tell_progress(self, progress: str) -> None:
+        """Let the line of status say how much is there of a run; nothing for an empty text."""
+        if progress != self.status.progress:
+            self.status.progress = progress
+            self._tell()
+
+    def watch(self) -> None:
+        """Grow from now on with a run that is still being rendered; nothing for other images."""
+        if self._watch is None and isinstance(self.images, GrowingImages):
+            self._watch = Watch(self, self.images)
+
+    def grow(self, newest: int | None, before: int) -> None:
+        """Take the frames that there are images of by now.
+
+        Args:
+            newest: Number of the frame that came last, which is shown if the page stands still at the one before.
+            before: Number of that one.
+        """
+        with self._lock:
+            frames, slider = self._frames_there(), self._controls.slider
+            self.frames, self._last = frames, frames[-1]
+            slider.min, slider.max = frames[0], max(frames[-1], frames[0] + 1)
+        if newest is not None and not self._player.playing and self.frame == self._player.wanted == before:
+            if newest == before:
+                self._player.ask_again()
+            else:
+                self._player.ask(newest)
+
     def _tell(self) -> None:
         """Bring the line of status up to date."""
         date = utc_dates(self.scenario.scene.epoch_utc, [self.time_s])[0]
@@ -320,6 +354,8 @@ class View:
 
     def close(self) -> None:
         """Take the page away."""
+        if self._watch is not None:
+            self._watch.close()
         if self._scene_controls is not None:
             self._scene_controls.close()
         self._player.stop()

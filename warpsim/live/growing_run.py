@@ -1,0 +1,313 @@
+"""Images of a run that another process still renders, or left unfinished: what is whole by now, read and never written.
+
+A sensor that is being rendered has its files below PARTS and a journal that tells how far they are whole; one that is
+complete has them under their final names. The truth of both stands in parts of tables until the manifest comes.
+"""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import json
+import os
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from warpsim.errors import InputError, one_line
+from warpsim.files import read_json
+from warpsim.live.shown_images import FolderImages, Mark, ShownImage, main_targets, marks_of
+from warpsim.output.checkpoints import has_key, is_record
+from warpsim.output.output_folder import CHECKPOINTS, GROWING, MANIFEST, PARTS, RUN
+from warpsim.output.plan import part_name
+from warpsim.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+_LOOK_S = 0.5
+"""Time from one look at the folder to the next [s]."""
+
+
+def unfinished_run(folder: str | os.PathLike[str]) -> dict[str, Any] | None:
+    """Return the record of the run, or the data set, that a folder holds without its manifest; None for others."""
+    record = read_json(Path(folder) / PARTS / RUN)  # before the manifest: it goes when that has come
+    if not is_record(record) or has_key(read_json(Path(folder) / MANIFEST), record["key"]):
+        return None
+    return dict(record)
+
+
+class GrowingImages:
+    """Images of an unfinished run, as far as they are whole; from its manifest on those of the finished one.
+
+    Args:
+        folder: As `warpsim render` fills it, with FITS cubes.
+
+    Raises:
+        InputError: It holds no unfinished run, or one in another format.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        self.folder = Path(folder)
+        record = unfinished_run(folder)
+        if record is None or "scene" not in record or "frames" not in record:
+            raise InputError("holds no unfinished run").of(folder)
+        if "fits" not in record["formats"]:
+            raise InputError("must have fits to be shown", "formats", " ".join(record["formats"])).of(folder)
+        self.scenario = Scene.from_dict(record["scene"], str(self.folder / PARTS / RUN)).scenario
+        self._key: str = record["key"]
+        self._frames: dict[str, list[int]] = record["frames"]
+        self._bands: dict[str, list[str]] = record["bands_of"]
+        self.sensors = [name for name, numbers in self._frames.items() if numbers]
+        self._places = {name: {number: i for i, number in enumerate(self._frames[name])} for name in self.sensors}
+        self._growing = self.folder / PARTS / GROWING / self._key[:16]
+        self._journals = {name: _Journal(self._growing / name / "journal") for name in self.sensors}
+        self._complete: set[str] = set()
+        self._seen: list[tuple[int, ...] | None] = []
+        self._tables: dict[str, tuple[str, Table]] = {}
+        self._mains = main_targets(self.scenario)
+        self._finished: FolderImages | None = None
+        self._lock = threading.RLock()
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the run is done."""
+        with self._lock:
+            return self._look() is not None
+
+    @property
+    def n_image(self) -> int:
+        """Images that the run is going to have."""
+        return sum(len(self._frames[sensor]) * len(self._bands[sensor]) for sensor in self.sensors)
+
+    @property
+    def n_image_there(self) -> int:
+        """Images that are whole by now."""
+        return sum(len(self.frames(sensor)) * len(self._bands[sensor]) for sensor in self.sensors)
+
+    def frames(self, sensor: str) -> Sequence[int]:
+        """Numbers of the frames that a sensor has whole images of by now.
+
+        Raises:
+            InputError: The folder does not hold this run any more.
+        """
+        with self._lock:
+            finished = self._look()
+            if finished is not None:
+                return finished.frames(sensor)
+            return self._frames[sensor][: self._n_whole(sensor)] if sensor in self._journals else []
+
+    def newest(self, sensors: Sequence[str]) -> int | None:
+        """Return the number of the frame that came last of some sensors; None where none of them has any."""
+        with self._lock:
+            there = {sensor: frames for sensor in sensors if (frames := self.frames(sensor))}
+            growing = [sensor for sensor in there if self._journals[sensor].is_there]
+            last = (growing or list(there))[-1:]
+            return there[last[0]][-1] if last else None
+
+    def at(self, frame: int, sensors: Sequence[str], band: str | None) -> list[ShownImage]:
+        """Images of a frame in a band (None: the first of each sensor), of the sensors that have both.
+
+        Raises:
+            InputError: The folder does not hold this run any more.
+            OSError: A file is gone or damaged.
+        """
+        with self._lock:
+            try:
+                return self._at(frame, sensors, band)
+            except FileNotFoundError:  # the run has given it its final name, or joined it to others, just now
+                return self._at(frame, sensors, band)
+
+    def _at(self, frame: int, sensors: Sequence[str], band: str | None) -> list[ShownImage]:
+        finished = self._look()
+        if finished is not None:
+            return finished.at(frame, sensors, band)
+        shown = []
+        for sensor in sensors:
+            own = self._bands.get(sensor, [""])[0] if band is None else band
+            place = self._places.get(sensor, {}).get(frame)
+            if place is None or own not in self._bands[sensor] or place >= self._n_whole(sensor):
+                continue
+            counts = _plane(self._path(sensor, f"{sensor}_{own}.fits"), place)
+            levels = self.scenario.instrument_of(sensor).levels[own]
+            shown.append(ShownImage(sensor, own, counts, levels, self._marks(sensor, own, frame, place)))
+        return shown
+
+    def _look(self) -> FolderImages | None:
+        """Return the images of the finished run once its manifest is there.
+
+        Raises:
+            InputError: The folder does not hold this run any more.
+        """
+        run, manifest = self.folder / PARTS / RUN, self.folder / MANIFEST
+        seen = [_signature(run), _signature(manifest)]
+        if self._finished is None and seen != self._seen:
+            held = has_key(read_json(run), self._key)  # before the manifest: it goes when that has come
+            if has_key(read_json(manifest), self._key):
+                self._finished = FolderImages(self.folder)
+            elif not held:
+                raise InputError("does not hold this run any more").of(self.folder)
+            self._seen = seen
+        return self._finished
+
+    def _n_whole(self, sensor: str) -> int:
+        """Number of the frames of a sensor that are whole, in the order in which they are rendered."""
+        journal = self._journals[sensor]
+        journal.read_on()
+        if journal.is_there:
+            return journal.n_frame
+        if sensor not in self._complete and has_key(
+            read_json(self.folder / PARTS / CHECKPOINTS / f"{sensor}.json"), self._key
+        ):
+            self._complete.add(sensor)
+        there = all((self.folder / f"{sensor}_{band}.fits").exists() for band in self._bands[sensor])
+        return len(self._frames[sensor]) if sensor in self._complete and there else 0
+
+    def _path(self, sensor: str, name: str) -> Path:
+        """Path of a file that is still growing, or else the final one."""
+        growing = self._growing / sensor / "files" / name
+        return growing if growing.exists() else self.folder / name
+
+    def _marks(self, sensor: str, band: str, frame: int, place: int) -> list[Mark]:
+        """Targets with light in an image, from the part of the truth that has the frame."""
+        parts: dict[int, Path] = {}
+        for home in (self._growing / sensor / "files", self.folder):
+            folder = (home / part_name(sensor, "truth", 0)).parent
+            for path in folder.glob(f"{glob.escape(sensor)}.*.fits"):
+                first = path.name.removeprefix(f"{sensor}.").removesuffix(".fits")
+                if first.isdecimal() and int(first) <= place:
+                    parts.setdefault(int(first), path)
+        if not parts:
+            raise FileNotFoundError(f"{self.folder}: the truth of {sensor} is missing")
+        path = parts[max(parts)]
+        if self._tables.get(sensor, ("",))[0] != path.name:
+            from astropy.table import Table
+
+            self._tables[sensor] = path.name, Table.read(path)
+        table = self._tables[sensor][1]
+        rows = table[np.asarray(table["frame"]) == frame]
+        return marks_of(rows, self._mains).get((frame, sensor, band), [])
+
+
+class _Journal:
+    """The whole steps of a journal that another process writes, read as far as it goes."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._n_byte = path, 0
+        self.n_frame = 0
+        """Frames that are whole."""
+        self.is_there = False
+
+    def read_on(self) -> None:
+        """Read what was added since the last time; all again where the journal became shorter."""
+        try:
+            n_byte = self._path.stat().st_size
+            if n_byte < self._n_byte:
+                self._n_byte = self.n_frame = 0
+            added = b""
+            if n_byte > self._n_byte:
+                with self._path.open("rb") as file:
+                    file.seek(self._n_byte)
+                    added = file.read()
+        except FileNotFoundError:
+            self._n_byte = self.n_frame = 0
+            self.is_there = False
+            return
+        self.is_there = True
+        for line in added.splitlines(keepends=True):
+            checksum, _, text = line.partition(b" ")
+            if hashlib.sha256(text.removesuffix(b"\n")).hexdigest().encode() != checksum or not text.endswith(b"\n"):
+                break  # a step that is not whole
+            self.n_frame += len(json.loads(text)["facts"]["frames"])
+            self._n_byte += len(line)
+
+
+def _signature(path: Path) -> tuple[int, ...] | None:
+    """What tells a file from the one that replaces it; None where there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def _plane(path: Path, place: int) -> npt.NDArray[np.uint16]:
+    """Counts of one plane of a cube that may be unfinished, shape (row, column); read, as the file may be cut."""
+    from astropy.io import fits
+
+    with path.open("rb") as file:
+        header = fits.Header.fromfile(file)
+        shape = int(header["NAXIS2"]), int(header["NAXIS1"])
+        n_byte = 2 * shape[0] * shape[1]
+        file.seek(place * n_byte, os.SEEK_CUR)
+        data = file.read(n_byte)
+    if len(data) < n_byte:
+        raise OSError(f"{path}: is shorter than its journal tells")
+    return (np.frombuffer(data, ">i2").astype(np.int32) + int(header["BZERO"])).astype(np.uint16).reshape(shape)
+
+
+class _Page(Protocol):
+    """What grows with a run."""
+
+    frame: int
+    sensors: list[str]
+
+    def note_of_source(self, note: str) -> None:
+        """Tell what is wrong with where images come from."""
+
+    def tell_progress(self, progress: str) -> None:
+        """Tell how much of the run is there."""
+
+    def grow(self, newest: int | None, before: int) -> None:
+        """Take the frames that are there by now."""
+
+
+class Watch:
+    """A thread that lets a page grow with a run, until that is done.
+
+    Args:
+        page: The page, which shows the newest frame as long as nobody moves it elsewhere.
+        images: What the page shows.
+    """
+
+    def __init__(self, page: _Page, images: GrowingImages) -> None:
+        self._page, self._images, self._stop = page, images, threading.Event()
+        self._before, self._n_there = page.frame, -1
+        self._thread = threading.Thread(target=self._watch, name="warpsim view watches", daemon=True)
+        self._thread.start()
+
+    def _watch(self) -> None:
+        is_done, problem = False, ""
+        while not is_done:
+            before, problem = problem, ""
+            try:
+                is_done = self._look()
+            except Exception as error:  # a folder that is gone, or holds another run
+                problem = one_line(error)
+            if problem != before:
+                self._page.note_of_source(problem)
+            if self._stop.wait(_LOOK_S):
+                return
+
+    def _look(self) -> bool:
+        """Tell the page what is there; return whether that is all."""
+        images, page = self._images, self._page
+        is_done = images.is_finished
+        n_there = images.n_image_there
+        if n_there != self._n_there:
+            newest = images.newest(page.sensors)
+            page.grow(newest, self._before)
+            self._before = self._before if newest is None else newest
+            self._n_there = n_there
+        progress = f"{n_there} of {images.n_image} images are there"
+        page.tell_progress(f"the run is done, {progress}" if is_done else progress)
+        return is_done
+
+    def close(self) -> None:
+        """End the thread; returns when it has ended."""
+        self._stop.set()
+        self._thread.join()
