@@ -316,7 +316,7 @@ def test_group_pointing_and_up_rules(scene):
         (lambda r: r.render([0], bands=[]), "bands: must name at least one"),
         (lambda r: r.render([0]).stars, "keep_stars"),
         (lambda r: r.render([0]).wcs(1, "sat11"), "was not rendered"),
-        (lambda r: ws.Renderer(r.scene, device="cuda:9"), "device: must be one of"),
+        (lambda r: ws.Renderer(r.scene, device="cuda:9"), "device: must be "),
         (lambda r: ws.Renderer(r.scene, n_thread=0), "n_thread: must be a whole number >= 1"),
     ],
 )
