@@ -89,7 +89,7 @@ class Drawing:
 
     def draw(self) -> None:
         """Add the light of the sources to the image."""
-        n_row_per_block = rows_per_block(self.device, N_PIXEL)
+        n_row_per_block = rows_per_block(self.device, N_PIXEL, 1)
         self.bank.deposit(self.sources, self.rule, n_row_per_block, self.signal, self.paths, self.touched).run()
 
     def __call__(self) -> Any:
@@ -249,7 +249,7 @@ def test_sums(benchmark, name, n_source, device):
     rng = np.random.default_rng(1)
     xy_px = wp.array(rng.uniform(MARGIN, N_PIXEL - MARGIN, (n_source, 2)), dtype=wp.vec2d, device=device)
     strength = wp.array(rng.uniform(0.1, 1.0, n_source), dtype=wp.float32, device=device)
-    n_row_per_block = rows_per_block(wp.get_device(device), N_PIXEL)
+    n_row_per_block = rows_per_block(wp.get_device(device), N_PIXEL, 1)
     exact = Variant("gather float64", psf, (N_PIXEL, N_PIXEL), device, n_row_per_block)
     if name == PRODUCT:
         product = Drawing(psf, None, xy_px.numpy(), rule)
