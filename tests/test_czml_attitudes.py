@@ -10,7 +10,7 @@ from astropy.time import Time, TimeDelta
 import warpsim as ws
 from warpsim.orbit.earth import itrs_to_gcrs
 from warpsim.output import czml_attitudes, czml_curves
-from warpsim.output.czml_attitudes import ERROR_RAD, LONGEST_TURN_RAD, earth_turning, sampled_attitude
+from warpsim.output.czml_attitudes import ERROR_RAD, LONGEST_TURN_RAD, earth_rotation, sampled_attitude
 from warpsim.quaternion import conjugate, from_matrix, product, rotated, rotation_between_rad
 
 czml3 = pytest.importorskip("czml3")
@@ -95,8 +95,8 @@ def test_directions_are_those_of_the_standards_of_fundamental_astronomy(scene, p
             assert np.linalg.norm(rotated(given[row], axis) - expected) < UT1_ATOL_RAD
 
 
-def test_the_earths_turning_between_nodes_is_exact(scene):
-    earth = earth_turning(scene.scenario.epoch, 1614.0)
+def test_the_earths_rotation_between_nodes_is_exact(scene):
+    earth = earth_rotation(scene.scenario.epoch, 1614.0)
     times = np.linspace(0, 1614.0, 97)
     exact = from_matrix(itrs_to_gcrs(scene.scenario.epoch, times))
     assert rotation_between_rad(earth(times), exact).max() < EARTH_ATOL_RAD
@@ -133,11 +133,11 @@ def test_steps_are_cut_at_kinks_and_where_the_axis_moves():
     ids=["flipping", "table", "still"],
 )  # fmt: skip
 def test_other_motions(scene, tmp_path, attitude):
-    turning = scene.replace(targets=[{"name": "body", **FEW, "attitude": attitude}], access_rules={})
-    ws.write_czml(turning, tmp_path / "a.czml", attitudes="all")
+    rotating = scene.replace(targets=[{"name": "body", **FEW, "attitude": attitude}], access_rules={})
+    ws.write_czml(rotating, tmp_path / "a.czml", attitudes="all")
     packet = read(tmp_path / "a.czml")["body"]
     times = np.random.default_rng(3).uniform(0, scene.duration_s, 4000)
-    assert rotation_between_rad(shown(packet, times), in_itrs(turning, "body", times)).max() < ERROR_RAD
+    assert rotation_between_rad(shown(packet, times), in_itrs(rotating, "body", times)).max() < ERROR_RAD
     given = samples(packet)[1]
     assert 2.0 * np.arccos(np.sum(given[1:] * given[:-1], axis=1).min()) < LONGEST_TURN_RAD + 1.5
     assert packet["ellipsoid"]["radii"]["cartesian"] == [0.8, 0.8, 0.8]

@@ -508,7 +508,7 @@ def add_disc(
     n_thread: int,
     signal_w_cm2: wp.array[float],
 ):
-    """Replace the sky by the disc in pixels of a row of a cell that all lie on it; a thread's own share of them."""
+    """Replace the sky by the disc in pixels of a row of a cell that all lie on it; of them, those of a thread."""
     area = along_row(background.pixel_sr, background, node, v)
     emitted, reflected = background.earth.disc_w_cm2_sr[band, 0], background.earth.disc_w_cm2_sr[band, 1]
     for pixel in range(thread, n_pixel, n_thread):
@@ -536,8 +536,8 @@ def earth_at(background: Background, earth_km: wp.array2d[float], band: int, nod
 def make_add_background_kernel(earth: bool, n_thread: int) -> wp.Kernel:
     """Kernel over rows of images: add the background to each pixel, and flag all strips.
 
-    The n_thread threads of a block share a row, and each has its own pixels of it. Where there is one, on the CPU, runs
-    of pixels are tiles, which the compiler turns into vector instructions.
+    The n_thread threads of a block draw a row together, each its own pixels. Where there is one, on the CPU, runs of
+    pixels are tiles, which the compiler turns into vector instructions.
     """
 
     @wp.func

@@ -1,7 +1,7 @@
 """Derivatives of light curves by parameters of their target, float64: closed forms, not those of a tape.
 
 A thread takes views of one set in turn, as in `light_curve`. Derivatives of areas are in `area_slopes` and
-`earth_slopes`; here they are summed over the exposure and the terms, and told by parameter.
+`earth_slopes`; here they are summed over the exposure and the terms, by parameter.
 """
 
 import functools

@@ -131,7 +131,7 @@ def stamp_around(xy_px: wp.vec2d, reach_px: float, aspect: float, window: Window
     stamp = Stamp()
     stamp.window = window
     reach_row_px = reach_px / aspect
-    # A row more: which rows a disc touches is told by the same rounding below, whatever the window.
+    # A row more: which rows a disc touches follows from the same rounding below, whatever the window.
     if touches(window, xy_px, wp.vec2d(wp.float64(reach_px + 1.0), wp.float64(reach_row_px + 1.0))):
         stamp.column = nearest_pixel(xy_px[0])
         stamp.row = nearest_pixel(xy_px[1])

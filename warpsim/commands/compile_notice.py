@@ -1,4 +1,4 @@
-"""What a person at a terminal, or a log, is told while kernels are compiled."""
+"""Notice at a terminal, or in a log, while kernels are compiled."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import time
 from concurrent.futures import Future
 
 AFTER_S = 1.0
-"""Compilations that are over sooner are not told of."""
+"""Compilations that are over sooner are not reported."""
 
 CACHED_S = 0.3
 """Modules that are loaded sooner were compiled before: they take milliseconds, compilations a second and more."""

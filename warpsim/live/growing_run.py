@@ -1,36 +1,32 @@
 """Images of a run that another process still renders, or left unfinished: what is whole by now, read and never written.
 
-A sensor that is being rendered has its files below PARTS and a journal that tells how far they are whole; one that is
+A sensor that is being rendered has its files below PARTS and a journal of how far they are whole; one that is
 complete has them under their final names. The truth of both stands in parts of tables until the manifest comes.
 """
 
 from __future__ import annotations
 
 import glob
-import hashlib
-import json
 import os
 import threading
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.errors import InputError, one_line
+from warpsim.errors import InputError
 from warpsim.files import read_json
 from warpsim.live.shown_images import FolderImages, Mark, ShownImage, main_targets, marks_of
 from warpsim.output.checkpoints import has_key, is_record
+from warpsim.output.growing import whole_steps
 from warpsim.output.output_folder import CHECKPOINTS, GROWING, MANIFEST, PARTS, RUN
 from warpsim.output.plan import part_name
 from warpsim.scene.scene import Scene
 
 if TYPE_CHECKING:
     from astropy.table import Table
-
-_LOOK_S = 0.5
-"""Time from one look at the folder to the next [s]."""
 
 
 def unfinished_run(folder: str | os.PathLike[str]) -> dict[str, Any] | None:
@@ -63,7 +59,7 @@ class GrowingImages:
         self._frames: dict[str, list[int]] = record["frames"]
         self._bands: dict[str, list[str]] = record["bands_of"]
         self.sensors = [name for name, numbers in self._frames.items() if numbers]
-        self._places = {name: {number: i for i, number in enumerate(self._frames[name])} for name in self.sensors}
+        self._index = {name: {number: i for i, number in enumerate(self._frames[name])} for name in self.sensors}
         self._growing = self.folder / PARTS / GROWING / self._key[:16]
         self._journals = {name: _Journal(self._growing / name / "journal") for name in self.sensors}
         self._complete: set[str] = set()
@@ -129,12 +125,12 @@ class GrowingImages:
         shown = []
         for sensor in sensors:
             own = self._bands.get(sensor, [""])[0] if band is None else band
-            place = self._places.get(sensor, {}).get(frame)
-            if place is None or own not in self._bands[sensor] or place >= self._n_whole(sensor):
+            index = self._index.get(sensor, {}).get(frame)
+            if index is None or own not in self._bands[sensor] or index >= self._n_whole(sensor):
                 continue
-            counts = _plane(self._path(sensor, f"{sensor}_{own}.fits"), place)
+            counts = _plane(self._path(sensor, f"{sensor}_{own}.fits"), index)
             levels = self.scenario.instrument_of(sensor).levels[own]
-            shown.append(ShownImage(sensor, own, counts, levels, self._marks(sensor, own, frame, place)))
+            shown.append(ShownImage(sensor, own, counts, levels, self._marks(sensor, own, frame, index)))
         return shown
 
     def _look(self) -> FolderImages | None:
@@ -172,14 +168,14 @@ class GrowingImages:
         growing = self._growing / sensor / "files" / name
         return growing if growing.exists() else self.folder / name
 
-    def _marks(self, sensor: str, band: str, frame: int, place: int) -> list[Mark]:
+    def _marks(self, sensor: str, band: str, frame: int, index: int) -> list[Mark]:
         """Targets with light in an image, from the part of the truth that has the frame."""
         parts: dict[int, Path] = {}
         for home in (self._growing / sensor / "files", self.folder):
             folder = (home / part_name(sensor, "truth", 0)).parent
             for path in folder.glob(f"{glob.escape(sensor)}.*.fits"):
                 first = path.name.removeprefix(f"{sensor}.").removesuffix(".fits")
-                if first.isdecimal() and int(first) <= place:
+                if first.isdecimal() and int(first) <= index:
                     parts.setdefault(int(first), path)
         if not parts:
             raise FileNotFoundError(f"{self.folder}: the truth of {sensor} is missing")
@@ -218,16 +214,13 @@ class _Journal:
             self.is_there = False
             return
         self.is_there = True
-        for line in added.splitlines(keepends=True):
-            checksum, _, text = line.partition(b" ")
-            if hashlib.sha256(text.removesuffix(b"\n")).hexdigest().encode() != checksum or not text.endswith(b"\n"):
-                break  # a step that is not whole
-            self.n_frame += len(json.loads(text)["facts"]["frames"])
-            self._n_byte += len(line)
+        for length, step in whole_steps(added):
+            self.n_frame += len(step["facts"]["frames"])
+            self._n_byte += length
 
 
 def _signature(path: Path) -> tuple[int, ...] | None:
-    """What tells a file from the one that replaces it; None where there is none."""
+    """Inode, size and time of a file, by which one that replaces it differs; None where there is none."""
     try:
         found = path.stat()
     except OSError:
@@ -235,7 +228,7 @@ def _signature(path: Path) -> tuple[int, ...] | None:
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 
-def _plane(path: Path, place: int) -> npt.NDArray[np.uint16]:
+def _plane(path: Path, index: int) -> npt.NDArray[np.uint16]:
     """Counts of one plane of a cube that may be unfinished, shape (row, column); read, as the file may be cut."""
     from astropy.io import fits
 
@@ -243,71 +236,8 @@ def _plane(path: Path, place: int) -> npt.NDArray[np.uint16]:
         header = fits.Header.fromfile(file)
         shape = int(header["NAXIS2"]), int(header["NAXIS1"])
         n_byte = 2 * shape[0] * shape[1]
-        file.seek(place * n_byte, os.SEEK_CUR)
+        file.seek(index * n_byte, os.SEEK_CUR)
         data = file.read(n_byte)
     if len(data) < n_byte:
-        raise OSError(f"{path}: is shorter than its journal tells")
+        raise OSError(f"{path}: is shorter than its journal says")
     return (np.frombuffer(data, ">i2").astype(np.int32) + int(header["BZERO"])).astype(np.uint16).reshape(shape)
-
-
-class _Page(Protocol):
-    """What grows with a run."""
-
-    frame: int
-    sensors: list[str]
-
-    def note_of_source(self, note: str) -> None:
-        """Tell what is wrong with where images come from."""
-
-    def tell_progress(self, progress: str) -> None:
-        """Tell how much of the run is there."""
-
-    def grow(self, newest: int | None, before: int) -> None:
-        """Take the frames that are there by now."""
-
-
-class Watch:
-    """A thread that lets a page grow with a run, until that is done.
-
-    Args:
-        page: The page, which shows the newest frame as long as nobody moves it elsewhere.
-        images: What the page shows.
-    """
-
-    def __init__(self, page: _Page, images: GrowingImages) -> None:
-        self._page, self._images, self._stop = page, images, threading.Event()
-        self._before, self._n_there = page.frame, -1
-        self._thread = threading.Thread(target=self._watch, name="warpsim view watches", daemon=True)
-        self._thread.start()
-
-    def _watch(self) -> None:
-        is_done, problem = False, ""
-        while not is_done:
-            before, problem = problem, ""
-            try:
-                is_done = self._look()
-            except Exception as error:  # a folder that is gone, or holds another run
-                problem = one_line(error)
-            if problem != before:
-                self._page.note_of_source(problem)
-            if self._stop.wait(_LOOK_S):
-                return
-
-    def _look(self) -> bool:
-        """Tell the page what is there; return whether that is all."""
-        images, page = self._images, self._page
-        is_done = images.is_finished
-        n_there = images.n_image_there
-        if n_there != self._n_there:
-            newest = images.newest(page.sensors)
-            page.grow(newest, self._before)
-            self._before = self._before if newest is None else newest
-            self._n_there = n_there
-        progress = f"{n_there} of {images.n_image} images are there"
-        page.tell_progress(f"the run is done, {progress}" if is_done else progress)
-        return is_done
-
-    def close(self) -> None:
-        """End the thread; returns when it has ended."""
-        self._stop.set()
-        self._thread.join()

@@ -70,7 +70,7 @@ class SceneControls:
                 field.disabled = self.fields[path.removesuffix(SIGMA) + PSF].value != "gaussian"
 
     def _show_kind(self) -> None:
-        """Show the fields of another kind of sensors, once what was changed of the one before is told."""
+        """Show the fields of another kind of sensors, once changes of the one before are in force."""
         with self._telling:
             if self._timer is not None:
                 self._timer.cancel()
@@ -119,7 +119,7 @@ class SceneControls:
             return value
 
     def close(self) -> None:
-        """Forget changes that were not told yet; return when none is being told."""
+        """Forget changes that are not under way yet; return when none is."""
         with self._telling:
             self._closed = True
 

@@ -18,12 +18,13 @@ from warpsim.live.controls import EARTH, Controls
 from warpsim.live.first_look import CAMERA_OF_GROUP, camera_of_earth, first_frame
 from warpsim.live.globe import GlobeScene
 from warpsim.live.group_view import Groups
-from warpsim.live.growing_run import GrowingImages, Watch
+from warpsim.live.growing_run import GrowingImages
 from warpsim.live.page import Status, open_server
 from warpsim.live.player import ImagesOfBand, Player
 from warpsim.live.scene_controls import SceneControls
 from warpsim.live.shown_images import Images, RenderedImages, ShownImage, images_of, main_targets
 from warpsim.live.tile import legend_html, tile_html
+from warpsim.live.watch import Watch
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 from warpsim.scene.scene import Scene
@@ -170,7 +171,7 @@ class View:
         self._player.offer(frame, images)
 
     def _try_to_show(self, frame: int, images: ImagesOfBand | None) -> None:
-        """Show a frame, or images of it that were offered; what goes wrong is told by the page, which lives on."""
+        """Show a frame, or images of it that were offered; what goes wrong stands on the page, which lives on."""
         try:
             if images is None:
                 self._show_frame(frame)

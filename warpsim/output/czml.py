@@ -83,11 +83,11 @@ def write_czml(
     check_new_file(path, (".czml",), overwrite)
     base = checked_cesium(None if html is None else Path(html), cesium, overwrite)
     _check(scenario, step_s)
-    turning, lit = _chosen("attitudes", attitudes, scenario), _chosen("curves", curves, scenario)
+    with_attitudes, with_curves = _chosen("attitudes", attitudes, scenario), _chosen("curves", curves, scenario)
     from czml3 import Document
 
     dates = functools.partial(czml_dates, scenario.scene.epoch_utc)
-    more = _more_of_targets(scenario, dates, turning, lit)
+    more = _more_of_targets(scenario, dates, with_attitudes, with_curves)
     bodies, errors_m = zip(*_bodies(scenario, dates, step_s, more), strict=True)
     there = {str(body.id) for body in bodies}
     packets = [
@@ -131,17 +131,17 @@ def _is_there(scenario: Scenario, name: str) -> bool:
 
 
 def _more_of_targets(
-    scenario: Scenario, dates: Dates, turning: Sequence[str], lit: Sequence[str]
+    scenario: Scenario, dates: Dates, with_attitudes: Sequence[str], with_curves: Sequence[str]
 ) -> dict[str, dict[str, Any]]:
     """What packets of targets have besides, by name: orientation and solid, curves as properties."""
-    more: dict[str, dict[str, Any]] = {name: {} for name in (*turning, *lit)}
+    more: dict[str, dict[str, Any]] = {name: {} for name in (*with_attitudes, *with_curves)}
     colours = {target.name: _TARGET if target.is_released else _MAIN for target in scenario.targets}
-    for name, fields in orientations(scenario, dates, turning, colours):
+    for name, fields in orientations(scenario, dates, with_attitudes, colours):
         more[name] |= fields
-    if lit:
+    if with_curves:
         from warpsim.output.czml_curves import light_properties  # Warp is not imported for the rest
 
-        for name, properties in light_properties(scenario, dates, lit).items():
+        for name, properties in light_properties(scenario, dates, with_curves).items():
             more[name] |= {"properties": properties}
     return more
 

@@ -27,7 +27,7 @@ from warpsim.target.torque_free import TorqueFreeMotion
 
 F64 = NDArray[np.float64]
 
-Turning = Callable[[F64], F64]
+QuaternionAt = Callable[[F64], F64]
 """Times [s after the epoch], (n,), to unit quaternions, scalar last, (n, 4)."""
 
 ERROR_RAD = math.radians(0.2)
@@ -58,7 +58,7 @@ def orientations(
     from czml3.properties import Orientation
 
     (epoch,) = dates([0.0])
-    earth = earth_turning(scenario.epoch, scenario.scene.duration_s)
+    earth = earth_rotation(scenario.epoch, scenario.scene.duration_s)
     room = MOST_SAMPLES
     for name in names:
         number = scenario.target_names.index(name)
@@ -78,7 +78,7 @@ def orientations(
         yield name, {"orientation": orientation, **_solid_of(scenario.targets[number].spec.shape, colours[name])}
 
 
-def earth_turning(epoch: Epoch, duration_s: float) -> Turning:
+def earth_rotation(epoch: Epoch, duration_s: float) -> QuaternionAt:
     """Return the rotation from Earth-fixed (ITRS) to GCRS axes as a function of time within a scene.
 
     Slerp between exact ones: the Earth turns about an axis that hardly moves, so the error is below 1e-10 rad.
@@ -94,7 +94,7 @@ def earth_turning(epoch: Epoch, duration_s: float) -> Turning:
     return at
 
 
-def _earth_fixed(attitude: AnyAttitude, earth: Turning, time_s: F64) -> F64:
+def _earth_fixed(attitude: AnyAttitude, earth: QuaternionAt, time_s: F64) -> F64:
     """Rotations from body to Earth-fixed axes, (n, 4)."""
     return product(conjugate(earth(time_s)), attitude.at(time_s))
 
@@ -126,7 +126,7 @@ def _check_room(n_sample: float, room: int) -> None:
         raise InputError(f"{rule}, or a shorter scene")
 
 
-def sampled_attitude(at: Turning, edges_s: F64, room: int = MOST_SAMPLES) -> tuple[F64, F64]:
+def sampled_attitude(at: QuaternionAt, edges_s: F64, room: int = MOST_SAMPLES) -> tuple[F64, F64]:
     """Return times (n,), the given ones among them, and quaternions (n, 4) of one hemisphere from one to the next.
 
     Steps are cut, by the square root of their error, until slerp along them is within ERROR_RAD of the rotation.
@@ -161,7 +161,7 @@ def sampled_attitude(at: Turning, edges_s: F64, room: int = MOST_SAMPLES) -> tup
     return time_s, in_one_hemisphere(turned)
 
 
-def _off_rad(at: Turning, time_s: F64, turned: F64, first: NDArray[np.int64]) -> F64:
+def _off_rad(at: QuaternionAt, time_s: F64, turned: F64, first: NDArray[np.int64]) -> F64:
     """How far slerp is off on the steps that begin at some of the samples [rad], shape of `first`."""
     start, end = turned[first], turned[first + 1]
     end = np.where(np.sum(start * end, axis=1, keepdims=True) < 0.0, -end, end)

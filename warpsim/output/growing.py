@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -52,16 +53,12 @@ class GrowingFiles:
 
     def _resume(self) -> None:
         """Keep the whole steps of an earlier process, and cut off what came after them."""
-        lines = self._journal.read_bytes().splitlines(keepends=True) if self._journal.exists() else []
+        journal = self._journal.read_bytes() if self._journal.exists() else b""
         n_kept = 0
-        for line in lines:
-            checksum, _, text = line.partition(b" ")
-            if hashlib.sha256(text.removesuffix(b"\n")).hexdigest().encode() != checksum or not text.endswith(b"\n"):
-                break
-            step = json.loads(text)
+        for n_byte, step in whole_steps(journal):
             if any(self._checksum(name, *ends) != sha for name, (*ends, sha) in step["grown"].items()):
                 break
-            n_kept += len(line)
+            n_kept += n_byte
             self._sizes |= {name: end for name, (_, end, _) in step["grown"].items()}
             self.steps.append(step["facts"])
         for name in self._current_sizes():
@@ -69,7 +66,7 @@ class GrowingFiles:
                 os.truncate(self.path / name, self._sizes[name])
             else:
                 (self.path / name).unlink()
-        if lines:
+        if journal:
             os.truncate(self._journal, n_kept)
 
     def _current_sizes(self) -> dict[str, int]:
@@ -86,3 +83,19 @@ class GrowingFiles:
             for begin in range(first, end, BLOCK_BYTES):
                 checksum.update(file.read(min(BLOCK_BYTES, end - begin)))
         return checksum.hexdigest()
+
+
+def whole_steps(journal: bytes) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Return the steps of a journal, or of its lines from one on, up to the first line that is not whole.
+
+    Args:
+        journal: Its bytes; the process that writes it may be amid a line.
+
+    Returns:
+        Of each step the bytes of its line; `grown`, first and end byte and SHA-256 by file; `facts`, the caller's.
+    """
+    for line in journal.splitlines(keepends=True):
+        checksum, _, text = line.partition(b" ")
+        if not text.endswith(b"\n") or hashlib.sha256(text.removesuffix(b"\n")).hexdigest().encode() != checksum:
+            return
+        yield len(line), json.loads(text)
