@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from test_orbit_tle import ISS
 
 import warpsim as ws
@@ -307,3 +308,26 @@ def test_a_camera_keeps_its_target_through_the_exposure_in_which_it_ends(scene, 
     assert frames.boresight_replaced.ravel().tolist() == [False, False, True]
     boresight = frames.instrument.commanded_axes(0, np.array([299.0, 301.0, 301.0]), [-0.5, 1.5, 0.5]).axes[:, 2]
     assert boresight[0] @ boresight[1] > 0.99 > boresight[0] @ boresight[2]
+
+
+def test_access_begins_with_the_first_light_of_a_group(two):
+    """It left at the group's start; satellites that it has not reached yet see nothing, as truth has it."""
+    scenario, start_s = two.scenario, 180.0
+    table = scenario.access("ball")
+    began = table[np.asarray(table["start_s"]) < start_s + 0.1]
+    assert len(began) > 0
+    from_m = scenario.position_m("ball", [start_s])[0]
+    for row in began:
+
+        def early_s(time_s, sensor=str(row["sensor"])):
+            away_m = np.linalg.norm(scenario.position_m(sensor, [time_s])[0] - from_m)
+            return time_s - start_s - away_m / 299_792_458.0
+
+        arrives_s = brentq(early_s, start_s, start_s + 1.0, xtol=1e-12)
+        assert row["start_s"] == pytest.approx(arrives_s, abs=1e-9)  # of times of 180 s: 3e-14
+
+
+def test_no_access_lasts_as_long_as_light_takes():
+    """Where targets that have not come yet stood in their first position, cameras had access for some milliseconds."""
+    table = ws.Scene.load("two_cameras").access()
+    assert np.asarray(table["duration_s"]).min() > 1.0

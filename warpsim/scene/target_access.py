@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.optics.camera import Camera
 from warpsim.orbit.access import access_intervals, constraints_by_cost, margins
 from warpsim.orbit.access_constraints import AccessConstraints, AccessGeometry, CameraGeometry, MarginFunction
@@ -78,11 +79,24 @@ def target_intervals(
     intervals = Intervals(np.array(rows, dtype=np.int64), np.array(starts, float), np.array(ends, float))
     first_s, last_s = tracks.exists_s[target]
     if first_s > 0.0 or last_s < duration_s:
-        there = Intervals.whole(len(observers.satellites), max(first_s, 0.0), max(min(last_s, duration_s), 0.0))
-        intervals = intervals.intersection(there)
+        begin_s, end_s = first_light_s(tracks, observers.satellites, target), min(last_s, duration_s)
+        reached = np.flatnonzero(begin_s <= end_s)
+        intervals = intervals.intersection(Intervals(reached, begin_s[reached], np.full(len(reached), end_s)))
     if not with_cameras:
         known[key] = intervals
     return intervals
+
+
+def first_light_s(tracks: Tracks, satellites: Sequence[int], target: int) -> F64:
+    """Return when the first light of a target reaches satellites [s], (n_satellite,); 0 if it is there before."""
+    first_s = float(tracks.exists_s[target][0])
+    time_s = np.full(len(satellites), max(first_s, 0.0))
+    if first_s > 0.0:
+        target_m = tracks.target_state(target, np.array([first_s]))[0][0]
+        for _ in range(2):  # a satellite moves by v / c of the way meanwhile: 2e-5, then 1e-9
+            sensor_m = [tracks.satellites[i].position_at_m(time_s[k : k + 1])[0] for k, i in enumerate(satellites)]
+            time_s = first_s + np.linalg.norm(sensor_m - target_m, axis=1) / SPEED_OF_LIGHT_M_S
+    return time_s
 
 
 _KNOWN: weakref.WeakKeyDictionary[Tracks, dict[Hashable, Intervals]] = weakref.WeakKeyDictionary()
