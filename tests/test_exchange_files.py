@@ -298,7 +298,7 @@ def test_malformed_oem(orbits, old, new, message):
         (b"PK\x03\x04 and so on", "must be text, got a ZIP archive"),
         (b"<!DOCTYPE html><html></html>", "must be text, got a web page (a download that failed?)"),
         (b"time_s\0,x_m", "must be text, got binary data"),
-        (b"\x1f\x8b\x08\x00 damaged", "must be whole, got damaged gzip data"),
+        (b"\x1f\x8b\x08\x00 damaged", "ends early: the gzip data are cut off"),
     ],
 )  # fmt: skip
 def test_malformed_orbit_files(orbits, text, message):

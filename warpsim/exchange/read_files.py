@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError, one_line
-from warpsim.exchange.ccsds_read import is_ccsds, read_aem, read_oem
-from warpsim.exchange.ccsds_states import message_kind, read_ocm, read_opm
+from warpsim.exchange.ccsds_attitudes import read_aem
+from warpsim.exchange.ccsds_message import message_kind
+from warpsim.exchange.ccsds_orbits import read_ocm, read_oem, read_opm
 from warpsim.exchange.instants import FileInstants, parse_dates
 from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, known_ccsds_frame, plain_name
 from warpsim.exchange.source import SourceFile, read_source
@@ -202,17 +203,15 @@ def ephemeris_of(source: SourceFile, object: str | None = None) -> list[Ephemeri
     with np.errstate(over="ignore"):  # infinity is refused with its line
         if is_spk(source):
             segments = read_spk(source)
-        elif kind in ("OPM", "OCM"):
-            segments = (read_opm if kind == "OPM" else read_ocm)(source)
-        elif is_sp3(source) or is_meme(source):
-            segments = (read_sp3 if is_sp3(source) else read_meme)(source)
-        elif is_ccsds(source):
-            segments = read_oem(source)
+        elif kind:
+            segments = {"OPM": read_opm, "OCM": read_ocm}.get(kind, read_oem)(source)
+        elif is_sp3(source):
+            segments = read_sp3(source)
+        elif is_meme(source):
+            segments = read_meme(source)
         elif is_stk(source):
             segments = read_stk_ephemeris(source)
         else:
-            from warpsim.exchange.read_files import read_ephemeris_table
-
             with _hint_at_elements(source, "states"):
                 segments = read_ephemeris_table(source)
     if object is None:
@@ -237,12 +236,10 @@ def attitude_of(source: SourceFile) -> list[AttitudeSegment]:
     """Like read_attitude(), of a file that has been read."""
     source.check_kind()
     with np.errstate(over="ignore"):
-        if is_ccsds(source):
+        if message_kind(source):
             return read_aem(source)
         if is_stk(source):
             return read_stk_attitude(source)
-        from warpsim.exchange.read_files import read_attitude_table
-
         with _hint_at_elements(source, "attitudes"):
             return read_attitude_table(source)
 

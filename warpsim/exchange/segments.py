@@ -280,14 +280,6 @@ def known_ccsds_frame(name: str) -> Frame:
     return frame
 
 
-def known_stk_frame(name: str) -> Frame:
-    """The frame of STK's name of a coordinate system; one that is not read is an error."""
-    for frame, known in STK_NAME.items():
-        if known.lower() == name.strip().lower():
-            return frame
-    raise InputError(f"must be one of {', '.join(STK_NAME.values())}", value=name)
-
-
 def plain_name(name: str, otherwise: str = "object") -> str:
     """Letters, digits and `_ . -`: each run of others becomes one `_`, none at the ends. `otherwise` if none is left.
 

@@ -7,21 +7,18 @@ nothing is memory-mapped, and compressed images are unpacked by another process.
 
 from __future__ import annotations
 
-import bz2
-import gzip
 import io
-import lzma
 import math
 import subprocess
 import sys
 import warnings
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from warpsim.errors import InputError, one_line
+from warpsim.tables.file_bytes import read_bytes, unpacked
 
 BLOCK_BYTES, CARD_BYTES = 2880, 80
 MOST_HEADER_BYTES = 16 * 2**20
@@ -32,7 +29,6 @@ UNPACKING_S = 120.0
 CUT_OFF = "ends early: the FITS data are cut off"
 
 _BITPIX = (8, 16, 32, 64, -32, -64)
-_PACKED = {b"\x1f\x8b": gzip.decompress, b"BZh": bz2.decompress, b"\xfd7zXZ": lzma.decompress}
 
 
 @contextmanager
@@ -47,7 +43,7 @@ def open_fits(source: str | Path | bytes) -> Iterator[Any]:
     """
     from astropy.io import fits
 
-    data = checked_fits(_read(Path(source)) if isinstance(source, str | Path) else source)
+    data = checked_fits(unpacked(read_bytes(Path(source))) if isinstance(source, str | Path) else source)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of headers that are not quite FITS
         try:
@@ -76,7 +72,7 @@ def checked_fits(data: bytes) -> bytes:
             raise InputError(CUT_OFF)
         packed = packed or cards.get("ZIMAGE") == "T"
         start, n_hdu = end + -(-size // BLOCK_BYTES) * BLOCK_BYTES, n_hdu + 1
-    return _unpacked(data) if packed else data
+    return _plain_images(data) if packed else data
 
 
 def _header(data: bytes, start: int) -> tuple[int, dict[str, str]]:
@@ -124,7 +120,7 @@ def _whole(cards: dict[str, str], key: str, low: int = -64, high: int = 64, unle
     return int(text)
 
 
-def _unpacked(data: bytes) -> bytes:
+def _plain_images(data: bytes) -> bytes:
     """A file whose compressed images are plain; unpacked by a process that damage may end."""
     script = Path(__file__).with_name("unpack_fits.py")
     command = [sys.executable, "-P", str(script), str(MOST_UNPACKED_BYTES + 2**30)]
@@ -137,19 +133,6 @@ def _unpacked(data: bytes) -> bytes:
     if done.returncode or not done.stdout:
         raise InputError("has compressed images that cannot be unpacked (damaged, or too large)")
     return done.stdout
-
-
-def _read(path: Path) -> bytes:
-    """Content of a file, unpacked."""
-    try:
-        data = path.read_bytes()
-        return next((unpack(data) for magic, unpack in _PACKED.items() if data.startswith(magic)), data)
-    except IsADirectoryError:
-        raise InputError("must be a file, got a folder") from None
-    except (EOFError, zlib.error, lzma.LZMAError) as error:
-        raise InputError(f"cannot be unpacked: {one_line(error)}") from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or one_line(error)}") from None
 
 
 def is_image(hdu: Any) -> bool:
