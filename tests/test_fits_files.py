@@ -82,7 +82,10 @@ def test_files_may_be_packed_and_images_compressed(file):
         with open_fits(file(data)) as hdus:
             assert np.array_equal(hdus[-1].data, IMAGE)
     assert np.array_equal(read_psf_file(file(compressed("GZIP_1"), "psf.fits"))[0], IMAGE)
-    with pytest.raises(ws.InputError, match="ends early: the gzip data are cut off"), open_fits(file(gzip.compress(PLAIN)[:-20])):
+    with (
+        pytest.raises(ws.InputError, match="ends early: the gzip data are cut off"),
+        open_fits(file(gzip.compress(PLAIN)[:-20])),
+    ):
         pass
 
 

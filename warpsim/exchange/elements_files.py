@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.exchange.element_set import (
     MAX_MEAN_MOTION,
     ElementRecord,
@@ -83,10 +83,8 @@ def read_element_records(path: str | os.PathLike[str]) -> list[ElementRecord]:
     """Find the element sets of a file, in its order, without parsing their numbers. The content says the format."""
     source = read_source(path)
     source.check_kind()
-    try:
+    with errors_at("", source.file):
         return element_records(source.text)
-    except InputError as error:
-        raise error.of(path) from None
 
 
 def element_records(text: str) -> list[ElementRecord]:
@@ -134,10 +132,8 @@ def _element_set(fields: Mapping[str, str], location: str) -> ElementSet:
     if not (name or number):
         raise InputError("OBJECT_NAME or NORAD_CAT_ID is required").of(location)
     norad_id = int(number) if number else None
-    try:
+    with errors_at("", location), errors_at("", label(name, norad_id)):
         satrec = _satrec(fields, norad_id)
-    except InputError as error:
-        raise error.of(label(name, norad_id)).of(location) from None
     return ElementSet(name, norad_id, plain_designator(tidy_name(fields.get("OBJECT_ID", ""))), satrec, location)
 
 

@@ -26,11 +26,11 @@ F64 = NDArray[np.float64]
 TIME_SYSTEMS = ("UTC", "TAI", "TT", "TDB", "GPS")
 """Time systems of dates that are read and written; UT1 is not, as it needs tables from the network."""
 
-_TT_MINUS_TAI_S = 32.184
+TT_MINUS_TAI_S = 32.184
 _TAI_MINUS_GPS_S = 19.0
 _MJD_ZERO = datetime.date(1858, 11, 17).toordinal()
 _JD_OF_MJD_ZERO = 2_400_000.5
-_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 _DATE = re.compile(
     r"(?:(?P<iso_year>\d{4})-(?:(?P<month>\d\d)-(?P<day>\d\d)|(?P<day_of_year>\d{3}))[T ]"
     r"|(?P<stk_day>\d{1,2}) +(?P<name>[A-Za-z]{3})[a-z]* +(?P<stk_year>\d{4}) +)"
@@ -128,10 +128,10 @@ def parse_dates(texts: Sequence[str], system: str) -> FileInstants:
     elif system == "GPS":
         second = second + _TAI_MINUS_GPS_S
     elif system == "TT":
-        second = second - _TT_MINUS_TAI_S
+        second = second - TT_MINUS_TAI_S
     elif system == "TDB":
         tdb_minus_tt_s: Any = erfa.dtdb(day + _JD_OF_MJD_ZERO, second / DAY_S, 0.0, 0.0, 0.0, 0.0)
-        second = second - tdb_minus_tt_s - _TT_MINUS_TAI_S
+        second = second - tdb_minus_tt_s - TT_MINUS_TAI_S
     return _carried(day, second)
 
 
@@ -144,13 +144,13 @@ def mjd_and_second(text: str, row: int | None = None, first_year: int = FIRST_YE
     year = int(match["iso_year"] or match["stk_year"])
     if not first_year <= year < LAST_YEAR:
         raise InputError(f"must be in the years {first_year} to {LAST_YEAR - 1}", value=text, row=row)
-    if match["name"] and match["name"].lower() not in _MONTHS:
+    if match["name"] and match["name"].title() not in MONTHS:
         raise InputError("must have a month like Jan", value=text, row=row)
     try:
         if match["day_of_year"]:
             date = datetime.date(year, 1, 1) + datetime.timedelta(days=int(match["day_of_year"]) - 1)
         elif match["name"]:
-            date = datetime.date(year, _MONTHS.index(match["name"].lower()) + 1, int(match["stk_day"]))
+            date = datetime.date(year, MONTHS.index(match["name"].title()) + 1, int(match["stk_day"]))
         else:
             date = datetime.date(year, int(match["month"]), int(match["day"]))
     except ValueError:

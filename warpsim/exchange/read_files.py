@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import InputError, one_line
+from warpsim.errors import InputError, errors_at, one_line
 from warpsim.exchange.ccsds_attitudes import read_aem
 from warpsim.exchange.ccsds_message import message_kind
 from warpsim.exchange.ccsds_orbits import read_ocm, read_oem, read_opm
@@ -159,10 +159,8 @@ def _frame(table: ColumnTable) -> Frame:
         stated.append(str(meta["frame"]))
     if len(set(stated)) > 1:
         raise InputError(f"must be stated once, got {', '.join(stated)}", "frame")
-    try:
+    with errors_at("frame"):
         return known_ccsds_frame(stated[0]) if stated else "GCRF"
-    except InputError as error:
-        raise error.within("frame") from None
 
 
 def _vector(table: ColumnTable, names: list[str], names_km: list[str], unit: str) -> F64 | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.exchange.geodetic import geodetic_to_itrf_m, great_arcs
+from warpsim.exchange.geodetic import geodetic_to_itrs_m, great_arcs
 from warpsim.exchange.instants import FileInstants, later
 from warpsim.exchange.segments import (
     NORM_SLACK,
@@ -73,7 +73,7 @@ def read_stk_ephemeris(source: SourceFile) -> list[EphemerisSegment]:
     velocity_m_s: F64 | None = None
     if block.data.startswith("EphemerisLLA"):
         _check_geodetic(source, block, frame, values)
-        position_m = geodetic_to_itrf_m(values[:, 1], values[:, 2], unit_m * values[:, 3])
+        position_m = geodetic_to_itrs_m(values[:, 2], values[:, 1], unit_m * values[:, 3])
     else:
         position_m = unit_m * values[:, 1:4]
         velocity_m_s = unit_m * values[:, 4:7] if values.shape[1] >= 7 else None

@@ -19,9 +19,10 @@ from pydantic import BeforeValidator, model_validator
 from warpsim.config.fields import Number, Positive, closed_interval, rule_error
 from warpsim.config.model import config_model
 from warpsim.constants import DAY_S, EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
+from warpsim.exchange.geodetic import geodetic_to_itrs_m
 from warpsim.instant import Instant, instant, instant_of, years_ahead
-from warpsim.orbit.earth import geodetic_altitude_m, geodetic_to_gcrs_m, geodetic_to_itrs_m, pole_of_date
+from warpsim.orbit.earth import geodetic_altitude_m, geodetic_to_gcrs_m, pole_of_date
 from warpsim.orbit.elements import LARGEST_SPEED_M_S, entries
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.two_body import lambert
@@ -201,10 +202,8 @@ class Flight:
         """Velocity at time 0 [m/s], GCRS axes, shape (3,)."""
         start, end = self.end_points_m
         duration_s = self.arc.duration_s
-        try:
+        with errors_at("", f"no arc between the end points in {duration_s:g} s"):
             velocity, _ = lambert(start, end, duration_s)
-        except InputError as error:
-            raise error.of(f"no arc between the end points in {duration_s:g} s") from None
         self._check_above_ground(start, velocity)
         if (speed_m_s := float(np.linalg.norm(velocity))) > LARGEST_SPEED_M_S:
             rule = f"gives a start speed of {speed_m_s:.3g} m/s, must be at most {LARGEST_SPEED_M_S:g} m/s"

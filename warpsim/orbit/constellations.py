@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
-from warpsim.config.fields import Group, Integer, Name, as_tuple, rule_error
+from warpsim.config.fields import Group, Name, as_tuple, rule_error
 from warpsim.config.model import TOO_DEEP, complete, config_model
 from warpsim.constants import EARTH_GM_M3_S2
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, pole_of_date
 from warpsim.orbit.element_catalog import LeftOut
@@ -27,7 +27,7 @@ from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.tle import TleOrbit, TleSatellites
 from warpsim.orbit.two_body import propagate_two_body
-from warpsim.orbit.walker import Pattern, Walker, below_planes, pattern_turns, satellite_names
+from warpsim.orbit.walker import Pattern, Phasing, Walker, pattern_turns, satellite_names
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
@@ -190,7 +190,7 @@ class SeedPattern:
     """P, orbital planes."""
     n_per_plane: Group
     """S, satellites per plane; T = P S."""
-    phasing: Integer = 0
+    phasing: Phasing = 0
     """F, in 0..P-1: a satellite is ahead of its neighbour one plane to the west by F / T of the period."""
     pattern: Pattern = "delta"
     """Nodes spread over 360 degrees ("delta") or 180 degrees ("star")."""
@@ -207,11 +207,6 @@ class SeedPattern:
         if planes is not None and planes * value > MOST_SATELLITES:
             raise rule_error(f"must give at most {MOST_SATELLITES} satellites in {planes} planes")
         return value
-
-    @field_validator("phasing")
-    @classmethod
-    def _below_planes(cls, value: int, info: ValidationInfo) -> int:
-        return below_planes(value, info)
 
     @property
     def names(self) -> list[str]:
@@ -230,10 +225,8 @@ class SeedPattern:
         Raises:
             InputError: The seed has no state at the epoch, or its orbit is not closed.
         """
-        try:
+        with errors_at("seed"):
             seed_m, seed_m_s = (x[0] for x in self.seed.states(epoch, np.zeros(1)))  # (1, 3)
-        except InputError as error:
-            raise error.within("seed") from None
         try:
             conic = state_to_elements(seed_m[0], seed_m_s[0])
         except InputError:
@@ -388,10 +381,8 @@ def _side_by_side(
             first += n_object
             if not len(own):
                 continue
-        try:
+        with errors_at("", name):
             position, velocity = states_of(propagator, epoch, time_s, within_s, own)
-        except InputError as error:
-            raise error.of(name) from None
         positions.append(position)
         velocities.append(velocity)
     return np.concatenate(positions, axis=1), np.concatenate(velocities, axis=1)

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 from warpsim.errors import InputError
+from warpsim.exchange.geodetic import geodetic_to_itrs_m
 from warpsim.exchange.segments import FRAMES, AttitudeSegment
 from warpsim.instant import tt_jd
 from warpsim.quaternion import conjugate, from_matrix, in_one_hemisphere, product, rotated, unit
@@ -91,15 +92,6 @@ def pole_of_date(epoch: Epoch) -> F64:
     """Return the unit vector of the true celestial pole at the epoch in GCRS axes, shape (3,)."""
     whole, fraction = tt_jd(epoch, 0.0)
     return np.array(timescale().tt_jd(whole, float(fraction)).M[2], np.float64)
-
-
-def geodetic_to_itrs_m(lon_deg: ArrayLike, lat_deg: ArrayLike, altitude_m: ArrayLike) -> F64:
-    """Return Earth-fixed positions [m] of WGS84 geodetic coordinates, broadcast shape plus (3,)."""
-    lon, lat, altitude = np.broadcast_arrays(np.radians(lon_deg), np.radians(lat_deg), np.asarray(altitude_m, float))
-    normal = EARTH_EQUATORIAL_RADIUS_M / np.sqrt(1.0 - _ECCENTRICITY_SQUARED * np.sin(lat) ** 2)
-    across = (normal + altitude) * np.cos(lat)
-    along = (normal * (1.0 - _ECCENTRICITY_SQUARED) + altitude) * np.sin(lat)
-    return np.stack([across * np.cos(lon), across * np.sin(lon), along], axis=-1)
 
 
 def geodetic_to_gcrs_m(

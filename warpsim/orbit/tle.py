@@ -20,11 +20,12 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
 from warpsim.config.fields import FileName, Switch, as_tuple, rule_error
-from warpsim.config.model import config_model
+from warpsim.config.model import config_model, exactly_one
 from warpsim.constants import DAY_S
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.exchange.element_set import ElementRecord, ElementSet
 from warpsim.exchange.elements_files import element_records, read_element_records
+from warpsim.exchange.instants import TT_MINUS_TAI_S
 from warpsim.instant import Instant, tt_jd, utc_time, years_ahead
 from warpsim.orbit.earth import frame_to_gcrs
 from warpsim.orbit.element_catalog import Catalog, LeftOut, Satellite, choose_one, read_catalog
@@ -52,7 +53,6 @@ OLD_DAYS = 30.0
 NEAREST_KM, FARTHEST_KM = 6000.0, 1e6
 """Distances from the Earth's centre at which SGP4's states are believed: far from their epoch, sets give any."""
 
-_TT_MINUS_TAI_S = 32.184
 _LOOK_S = 60.0
 """Step at which satellites are looked at for being lost."""
 _LOW_KM = 6400.0
@@ -137,8 +137,7 @@ class _FromElementSets:
 
     def _check_source(self) -> None:
         """Check that there is one; sets given as text are read, as the field's path is known now."""
-        if (self.file is None) == (self.lines is None):
-            raise InputError("exactly one must be given", "file, lines")
+        exactly_one(self, "file", "lines")
         if self.lines is not None:
             self.satellites  # noqa: B018
 
@@ -249,10 +248,8 @@ def _records(file: str | None, lines: Sequence[str] | None) -> list[ElementRecor
     """Element sets of a source, not yet parsed; errors say of which."""
     if file is not None:
         return read_element_records(file)
-    try:
+    with errors_at("lines"):
         return element_records("\n".join(lines or ()))
-    except InputError as error:
-        raise error.within("lines") from None
 
 
 def _chosen_sets(satellites: Iterable[Satellite], epoch: Epoch) -> list[ElementSet]:
@@ -274,7 +271,7 @@ def _age_days(satellites: Sequence[Satellite], epoch: Epoch) -> F64:
     sets = _chosen_sets(satellites, epoch)
     whole, fraction = tt_jd(epoch, 0.0)
     jd = np.array([item.epoch_jd_utc for item in sets])
-    offset_s = _TT_MINUS_TAI_S + _tai_minus_utc_s(sets)
+    offset_s = TT_MINUS_TAI_S + _tai_minus_utc_s(sets)
     return np.asarray((whole - jd[:, 0]) + (fraction - jd[:, 1] - offset_s / DAY_S), np.float64)
 
 
@@ -286,7 +283,7 @@ def _sgp4_states(satellites: Sequence[Satellite], epoch: Epoch, time_s: ArrayLik
     sets = _chosen_sets(satellites, epoch)
     position, velocity = np.empty((len(times), len(sets), 3)), np.empty((len(times), len(sets), 3))
     # SGP4 takes one time for many satellites; sets from before a leap second have another.
-    offset_s = _TT_MINUS_TAI_S + _tai_minus_utc_s(sets)
+    offset_s = TT_MINUS_TAI_S + _tai_minus_utc_s(sets)
     rows = max(1, _PAIRS_PER_CHUNK // len(sets))
     for start in range(0, len(times), rows):
         block = slice(start, start + rows)
@@ -321,7 +318,7 @@ def _record_of(satellite: Satellite, epoch: Epoch) -> tuple[int | None, str]:
 def _lost(satellites: Sequence[Satellite], epoch: Epoch, first_s: float, last_s: float) -> dict[str, str]:
     """Satellites without a state at some time of a span, looked for every minute and in perigees, and why, by name."""
     sets = _chosen_sets(satellites, epoch)
-    offset_s = _TT_MINUS_TAI_S + _tai_minus_utc_s(sets)
+    offset_s = TT_MINUS_TAI_S + _tai_minus_utc_s(sets)
     times = np.linspace(first_s, last_s, max(2, int(np.ceil((last_s - first_s) / _LOOK_S)) + 1))
     some = max(1, _PAIRS_PER_CHUNK // len(times))
     found: dict[str, str] = {}

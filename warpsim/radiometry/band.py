@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.arguments import plain_array, plain_number
 from warpsim.constants import SPEED_OF_LIGHT_M_S
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.radiometry.curve_nodes import (
     checked_curve,
     gauss_rule,
@@ -102,7 +102,7 @@ class Band:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError("must be a text that is not empty", "name", self.name).of("band")
-        try:
+        with errors_at("", f"band {self.name}"):
             wavelength_um, response = checked_curve(self.wavelength_um, self.response, "response")
             if response.max() == 0.0:
                 raise InputError("must be > 0 somewhere, got 0 everywhere", "response")
@@ -110,8 +110,6 @@ class Band:
                 raise InputError("must be true or false", "per_photon", self.per_photon)
             numbers = {name: plain_number(getattr(self, name), unit, name) for name, unit in _UNITS.items()}
             edges_um = _edges_um(self.half_power_um)
-        except InputError as error:
-            raise error.of(f"band {self.name}") from None
         response /= response.max()
 
         def put(attribute: str, value: Any) -> None:
@@ -130,12 +128,10 @@ class Band:
             put("isophotal_um", float(np.sum(weight_um * node_um) / np.sum(weight_um)))
         if math.isnan(self.half_power_um[0]):
             put("half_power_um", half_power_um(wavelength_um, response))
-        try:
+        with errors_at("", f"band {self.name}"):
             self._check_wavelengths()
             for name, value in complete_zero_point(numbers, self.flat_w_cm2_per_jy).items():
                 put(name, value)
-        except InputError as error:
-            raise error.of(f"band {self.name}") from None
 
     def _check_wavelengths(self) -> None:
         """Check that wavelengths lie within the nodes."""
@@ -202,10 +198,8 @@ class Band:
             InputError: No curve, one that breaks a rule of Band, curves that do not overlap, or a product that is zero
                 everywhere.
         """
-        try:
+        with errors_at("", f"band {name}"):
             wavelength_um, values = product_of_curves(curves)
-        except InputError as error:
-            raise error.of(f"band {name}") from None
         zero: Any = {"zero_mag_jy": zero_mag_jy, "zero_mag_w_cm2": zero_mag_w_cm2}
         return cls(name, wavelength_um, values, per_photon=per_photon, **zero), float(values.max())
 
