@@ -13,7 +13,7 @@ from astropy.table import Table
 
 import warpsim as ws
 from warpsim.optics.telescope import read_psf_file
-from warpsim.tables.fits_file import CUT_OFF, checked_fits, open_fits
+from warpsim.tables.checked_files import CUT_OFF, checked_fits, open_fits
 
 IMAGE = np.arange(64.0 * 64).reshape(64, 64)
 CARD = 80

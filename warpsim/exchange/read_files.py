@@ -19,8 +19,7 @@ from warpsim.exchange.ccsds_orbits import read_ocm, read_oem, read_opm
 from warpsim.exchange.instants import FileInstants, parse_dates
 from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, known_ccsds_frame, plain_name
 from warpsim.exchange.source import SourceFile, read_source
-from warpsim.exchange.sp3_meme import is_meme, is_sp3, read_meme, read_sp3
-from warpsim.exchange.spk_read import is_spk, read_spk
+from warpsim.exchange.sp3_spk_meme import is_meme, is_sp3, is_spk, read_meme, read_sp3, read_spk
 from warpsim.exchange.stk_read import is_stk, read_stk_attitude, read_stk_ephemeris
 from warpsim.tables.columns import ColumnTable
 from warpsim.tables.text import read_delimited, read_ecsv

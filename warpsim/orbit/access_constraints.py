@@ -19,7 +19,7 @@ from warpsim.config.fields import Interval, Number, Positive, Switch, closed_int
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.orbit.earth import earth_clearance_m, grazing_altitude_m
-from warpsim.orbit.eclipse import sunlit_depth
+from warpsim.orbit.sun import sunlit_depth
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

@@ -70,10 +70,10 @@ def itrs_to_gcrs(epoch: Epoch, time_s: ArrayLike) -> F64:
     """Return rotations from Earth-fixed (ITRS) to GCRS axes at times of any shape, with (3, 3) added."""
     from skyfield.framelib import itrs
 
-    return skyfield_to_gcrs(itrs.rotation_at, epoch, time_s)
+    return _skyfield_to_gcrs(itrs.rotation_at, epoch, time_s)
 
 
-def skyfield_to_gcrs(rotation_at: Callable[[Any], Any], epoch: Epoch, time_s: ArrayLike) -> F64:
+def _skyfield_to_gcrs(rotation_at: Callable[[Any], Any], epoch: Epoch, time_s: ArrayLike) -> F64:
     """Return rotations from one of skyfield's frames to GCRS axes at times of any shape, with (3, 3) added.
 
     `rotation_at` leads from skyfield's Time, an array of n, to rotations from GCRS to the frame, (3, 3, n).
@@ -204,19 +204,17 @@ def frame_to_gcrs(frame: str, epoch: Epoch, time_s: ArrayLike) -> F64:
     from skyfield import framelib, sgp4lib
 
     times = np.asarray(time_s, np.float64)
-    if frame == "GCRF":
-        return np.broadcast_to(np.eye(3), (len(times), 3, 3))
-    if frame == "EME2000":
-        return np.broadcast_to(eme2000_to_gcrs(), (len(times), 3, 3))
-    if frame == "ITRF":
-        return itrs_to_gcrs(epoch, times)
-    if frame == "TEME":
-        return skyfield_to_gcrs(sgp4lib.TEME.rotation_at, epoch, times)
-    if frame == "TOD":
-        return skyfield_to_gcrs(lambda t: t.M, epoch, times)
-    if frame == "MOD":
-        return skyfield_to_gcrs(framelib.mean_equator_and_equinox_of_date.rotation_at, epoch, times)
-    raise InputError(f"must be one of {', '.join(FRAMES)}", "frame", frame)
+    if frame in ("GCRF", "EME2000"):
+        return np.broadcast_to(np.eye(3) if frame == "GCRF" else eme2000_to_gcrs(), (len(times), 3, 3))
+    turning: dict[str, Callable[[Any], Any]] = {
+        "ITRF": framelib.itrs.rotation_at,
+        "TEME": sgp4lib.TEME.rotation_at,
+        "TOD": lambda t: t.M,
+        "MOD": framelib.mean_equator_and_equinox_of_date.rotation_at,
+    }
+    if frame not in turning:
+        raise InputError(f"must be one of {', '.join(FRAMES)}", "frame", frame)
+    return _skyfield_to_gcrs(turning[frame], epoch, times)
 
 
 def states_to_gcrs(frame: str, epoch: Epoch, time_s: F64, position_m: F64, velocity_m_s: F64) -> tuple[F64, F64]:

@@ -64,27 +64,6 @@ _TOGETHER = 256  # objects are cut into pieces of multiples of this: as free fli
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
-def choose_step_s(
-    state: StateFunction,
-    duration_s: float,
-    error_m: float = TRACK_ERROR_M,
-    counted_s: ArrayLike = ALWAYS_S,
-    longest_s: float = 3600.0,
-    shortest_s: float = SHORTEST_STEP_S,
-    names: Sequence[str] = (),
-) -> float:
-    """Return a node step [s] whose measured interpolation error over [0, duration_s] stays below error_m.
-
-    The error of smooth motion scales with the fourth power of the step; trials at intervals spread over the scene, and
-    never outside it, give the step. It divides the scene evenly, and aims at 80 % of the bound to leave room for what
-    is between the trials. Motion that is not smooth, as that of a table with few digits, may never come below error_m:
-    then the step is taken from where shorter ones stop to help. Meant for satellites and targets: the Sun's distance in
-    float64 is itself rounded to 0.03 mm, so its track takes the step of the others.
-    """
-    sampler = _Sampler(names, state, None, duration_s, error_m, counted_s)
-    return sampler.choose(None, longest_s, shortest_s)[0]
-
-
 def make_tracks(
     names: Sequence[str],
     state: StateFunction,
@@ -139,10 +118,14 @@ class _Sampler:
         self._some_states = some_states
         self._duration_s, self._error_m, self._counted_s = duration_s, error_m, np.asarray(counted_s, np.float64)
 
-    def choose(
-        self, bodies: I64 | None, longest_s: float, shortest_s: float, least_s: float = 0.0
-    ) -> tuple[float, I64 | None]:
-        """Choose the step of bodies, all if None; those that need less than least_s are left out."""
+    def choose(self, bodies: I64, longest_s: float, shortest_s: float, least_s: float = 0.0) -> tuple[float, I64]:
+        """Choose a step for bodies that keeps the error between nodes small; those that need less than least_s go.
+
+        The error of smooth motion scales with the fourth power of the step; trials at intervals spread over the scene,
+        and never outside it, give the step. It divides the scene evenly, and aims at 80 % of the bound to leave room
+        for what is between the trials. Motion that is not smooth, as that of a table with few digits, may never come
+        below the bound: then the step is taken from where shorter ones stop to help.
+        """
         duration_s, bound_m = self._duration_s, 0.8 * self._error_m
         step_s = even_step_s(duration_s, max(min(30.0, longest_s), shortest_s))
         before = math.inf, step_s  # error and step of the last shorter trial
@@ -150,17 +133,16 @@ class _Sampler:
         tried = bodies
         for _ in range(24):
             errors_m = self._trial_errors_m(tried, step_s)
-            if bodies is not None and tried is not None:
-                stays = step_s * (bound_m / np.maximum(errors_m, 1e-300)) ** 0.25 >= least_s
-                bodies, tried, errors_m = np.setdiff1d(bodies, tried[~stays]), tried[stays], errors_m[stays]
-                if not len(bodies):
-                    break
-                if not len(tried):  # those left have not been tried with this step
-                    tried = bodies
-                    continue
-                if len(tried) > _MANY:
-                    tried = tried[errors_m >= 0.1 * errors_m.max()]
-            worst_m = float(errors_m.max(initial=0.0))
+            stays = step_s * (bound_m / np.maximum(errors_m, 1e-300)) ** 0.25 >= least_s
+            bodies, tried, errors_m = np.setdiff1d(bodies, tried[~stays]), tried[stays], errors_m[stays]
+            if not len(bodies):
+                break
+            if not len(tried):  # those left have not been tried with this step
+                tried = bodies
+                continue
+            if len(tried) > _MANY:
+                tried = tried[errors_m >= 0.1 * errors_m.max()]
+            worst_m = float(errors_m.max())
             ratio = (bound_m / max(worst_m, 1e-300)) ** 0.25
             if 1.0 <= ratio < 1.3:
                 break
@@ -187,8 +169,7 @@ class _Sampler:
         shortest_s = max(SHORTEST_STEP_S, duration_s * len(bodies) / room, duration_s / MOST_NODES_OF_ONE)
         if least_s <= shortest_s:
             least_s = 0.0
-        step_s, chosen = self.choose(bodies, longest_s, shortest_s, least_s)
-        own = bodies if chosen is None else chosen
+        step_s, own = self.choose(bodies, longest_s, shortest_s, least_s)
         shortest_s = max(shortest_s, min(0.5 * step_s, duration_s * len(own) / MOST_ROUGH_NODES))
         first: tuple[float, float] | None = None  # error and step of the first sampling
         while len(own):
@@ -247,7 +228,7 @@ class _Sampler:
             found += sample_tracks(names, state, start_s, step_s, n_node, spans_s, ends)
         return found
 
-    def _trial_errors_m(self, bodies: I64 | None, step_s: float) -> F64:
+    def _trial_errors_m(self, bodies: I64, step_s: float) -> F64:
         """Largest error of each body in intervals, as _trial_error_m [m]."""
         n_time = min(2 * n_step(self._duration_s, step_s) + 1, 7 * _N_TRIAL)
         return np.concatenate([
@@ -255,11 +236,8 @@ class _Sampler:
             for names, state, spans_s in self._pieces(bodies, n_time)
         ])  # fmt: skip
 
-    def _pieces(self, bodies: I64 | None, n_time: int) -> Iterator[tuple[Sequence[str], StateFunction, F64]]:
+    def _pieces(self, bodies: I64, n_time: int) -> Iterator[tuple[Sequence[str], StateFunction, F64]]:
         """Names, states and spans of bodies, so many at a time that their states at n_time times take little memory."""
-        if bodies is None:
-            yield self._names, self._state, self._counted_s
-            return
         at_once = max(1, PAIRS_PER_PIECE // n_time)
         at_once -= at_once % _TOGETHER if at_once > _TOGETHER else 0
         for some in np.split(bodies, range(at_once, len(bodies), at_once)):

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpsim.errors import InputError, one_line
+from warpsim.tables.checked_files import CUT_OFF, checked_fits
 from warpsim.tables.columns import ColumnTable, Part
-from warpsim.tables.fits_file import CUT_OFF, checked_fits
 
 if TYPE_CHECKING:
     from astropy.table import Table

@@ -1,4 +1,4 @@
-"""FITS files of others, opened once the sizes in their headers are known to be true.
+"""FITS and NumPy's files (.npy) of others, opened once the sizes in their headers are known to be true.
 
 astropy believes headers: a wrong digit asks for terabytes, or for a thousand million axes, and damaged tiles of a
 compressed image overwrite the memory of the process. So headers are compared with the file before astropy sees them,
@@ -16,6 +16,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
 
 from warpsim.errors import InputError, one_line
 from warpsim.tables.file_bytes import read_bytes, unpacked
@@ -140,3 +144,23 @@ def is_image(hdu: Any) -> bool:
     from astropy.io import fits
 
     return isinstance(hdu, fits.PrimaryHDU | fits.ImageHDU) and hdu.data is not None
+
+
+def npy_array(data: bytes) -> NDArray[Any]:
+    """The array in the bytes of a file of NumPy's, without objects.
+
+    Raises:
+        InputError: The header is damaged, or asks for more than the file holds.
+    """
+    stream = io.BytesIO(data)
+    try:
+        version = npy.read_magic(stream)
+        read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        shape, by_column, dtype = read_header(stream)
+        size = math.prod(shape) * dtype.itemsize
+        if dtype.hasobject or min(shape, default=0) < 0 or size > len(data) - stream.tell():
+            raise ValueError(f"{len(data):,} bytes do not hold an array of shape {shape} of {dtype}")
+        flat = np.frombuffer(data, dtype, math.prod(shape), stream.tell())
+        return flat.reshape(shape, order="F" if by_column else "C").copy()
+    except Exception as error:  # the header is parsed as Python's text, with all its kinds of errors
+        raise InputError(f"cannot be read as a NumPy array: {one_line(error)}") from None
