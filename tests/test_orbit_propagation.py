@@ -302,7 +302,7 @@ def two_orbits(time_s):
 
 
 def chosen_step_s(state, duration_s, names, error_m=TRACK_ERROR_M):
-    sampler = node_steps._Sampler(names, state, None, duration_s, error_m, sampling.ALWAYS_S)
+    sampler = node_steps._Sampler(names, state, None, duration_s, error_m, np.array(sampling.ALWAYS_S))
     return sampler.choose(np.arange(len(names)), 3600.0, node_steps.SHORTEST_STEP_S)[0]
 
 

@@ -15,7 +15,6 @@ import math
 import os
 import re
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
 from warpsim.errors import InputError, errors_at
@@ -121,20 +120,17 @@ def _record(fields: Mapping[str, str], location: str, error: InputError | None) 
     if error is not None:
         return bad_record(error, location, name, norad_id)
     designator = plain_designator(tidy_name(fields.get("OBJECT_ID", "")))
-    return ElementRecord(name, norad_id, designator, location, partial(_element_set, fields, location))
 
+    def parse() -> ElementSet:
+        """Satellite of the message; its errors begin with the location, the object's name and its number."""
+        with errors_at("", location), errors_at("", label(name, norad_id)):
+            if number and norad_id is None:
+                raise InputError("must be up to nine digits", "NORAD_CAT_ID", number)
+            if not (name or number):
+                raise InputError("OBJECT_NAME or NORAD_CAT_ID is required")
+            return ElementSet(name, norad_id, designator, _satrec(fields, norad_id), location)
 
-def _element_set(fields: Mapping[str, str], location: str) -> ElementSet:
-    """Satellite of one message; its errors begin with the location, the object's name and its number."""
-    name, number = tidy_name(fields.get("OBJECT_NAME", "")), fields.get("NORAD_CAT_ID", "").strip()
-    if number and not _NORAD_ID.fullmatch(number):
-        raise InputError("must be up to nine digits", "NORAD_CAT_ID", number).of(name).of(location)
-    if not (name or number):
-        raise InputError("OBJECT_NAME or NORAD_CAT_ID is required").of(location)
-    norad_id = int(number) if number else None
-    with errors_at("", location), errors_at("", label(name, norad_id)):
-        satrec = _satrec(fields, norad_id)
-    return ElementSet(name, norad_id, plain_designator(tidy_name(fields.get("OBJECT_ID", ""))), satrec, location)
+    return ElementRecord(name, norad_id, designator, location, parse)
 
 
 def _satrec(fields: Mapping[str, str], norad_id: int | None) -> Any:

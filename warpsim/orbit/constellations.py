@@ -7,6 +7,7 @@ velocities [m/s] in GCRS axes, (n_time, n_object, 3), with one object for an orb
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
@@ -23,7 +24,7 @@ from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, pole_of_date
 from warpsim.orbit.element_catalog import LeftOut
 from warpsim.orbit.elements import KeplerOrbit, StateVector, state_to_elements
-from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
+from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites, Span
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.tle import TleOrbit, TleSatellites
 from warpsim.orbit.two_body import propagate_two_body
@@ -57,7 +58,7 @@ def states_of(
     propagator: Propagator,
     epoch: Epoch,
     time_s: ArrayLike,
-    within_s: tuple[float, float] | None = None,
+    within_s: Span | None = None,
     bodies: I64 | None = None,
 ) -> tuple[F64, F64]:
     """States of a propagator, of which only those within a span matter, if one is given.
@@ -80,7 +81,7 @@ MOST_SATELLITES = 100_000
 
 
 def _states_of_some(
-    propagator: Any, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None, bodies: I64
+    propagator: Any, epoch: Epoch, time_s: ArrayLike, within_s: Span | None, bodies: I64
 ) -> tuple[F64, F64]:
     """States of some of the objects of a propagator; the others are not propagated."""
     if isinstance(propagator, MixedConstellation):
@@ -139,20 +140,17 @@ class ListedSatellites:
         Raises:
             InputError: A satellite has no state at some time; the text begins with its name.
         """
-        return self._either(epoch, time_s, None)
+        return self.states_within(epoch, time_s, None)
 
-    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float]) -> tuple[F64, F64]:
+    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: Span | None) -> tuple[F64, F64]:
         """Return states as `states` does, of which only those within a span matter (`states_of`)."""
-        return self._either(epoch, time_s, within_s)
-
-    def _either(self, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None) -> tuple[F64, F64]:
         try:
             return self._states(epoch, np.asarray(time_s, np.float64), within_s)
         except InputError:
             # One by one: the same error, with a name.
             return _side_by_side([(item.name, item.orbit) for item in self.satellites], epoch, time_s, within_s)
 
-    def _states(self, epoch: Epoch, times: F64, within_s: tuple[float, float] | None) -> tuple[F64, F64]:
+    def _states(self, epoch: Epoch, times: F64, within_s: Span | None) -> tuple[F64, F64]:
         """Propagate together the orbits of one kind, the others alone."""
         position, velocity = (np.empty((len(times), len(self.satellites), 3)) for _ in range(2))
         together: dict[Gravity, tuple[list[int], list[tuple[F64, F64]]]] = {}
@@ -233,11 +231,9 @@ class SeedPattern:
             raise InputError("must be on a closed orbit, along which it can be copied", "seed") from None
         perigee_m = float(conic.semi_major_axis_m * (1.0 - conic.eccentricity))
         if perigee_m < EARTH_POLAR_RADIUS_M:
-            raise InputError(
-                "its whole orbit must be above the Earth's surface, as copies are spread along it, got a perigee "
-                f"{(EARTH_POLAR_RADIUS_M - perigee_m) / 1e3:.0f} km below",
-                "seed",
-            )
+            below_km = (EARTH_POLAR_RADIUS_M - perigee_m) / 1e3
+            rule = "its whole orbit must be above the Earth's surface, as copies are spread along it"
+            raise InputError(f"{rule}, got a perigee {below_km:.0f} km below", "seed")
         period_s = 2.0 * np.pi * np.sqrt(float(conic.semi_major_axis_m) ** 3 / EARTH_GM_M3_S2)
         plane = np.repeat(np.arange(self.n_plane), self.n_per_plane)
         turns = pattern_turns(self.n_plane, self.n_per_plane, self.phasing)
@@ -305,9 +301,9 @@ class MixedConstellation:
         Raises:
             InputError: A part has no states at some time.
         """
-        return _side_by_side([("", item) for item in self.parts], epoch, time_s)
+        return self.states_within(epoch, time_s, None)
 
-    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float]) -> tuple[F64, F64]:
+    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: Span | None) -> tuple[F64, F64]:
         """Return states as `states` does, of which only those within a span matter (`states_of`)."""
         return _side_by_side([("", item) for item in self.parts], epoch, time_s, within_s)
 
@@ -358,8 +354,7 @@ def _check_names(field: str, names: Sequence[str], at_least: int = 1) -> None:
     if len(names) < at_least:
         raise InputError("must hold at least one satellite", field)
     if len(set(names)) != len(names):
-        seen: set[str] = set()
-        twice = next(name for name in names if name in seen or seen.add(name))  # type: ignore[func-returns-value]
+        twice = next(name for name, count in Counter(names).items() if count > 1)
         raise InputError(f"names must be unique, got {twice} twice (patterns take a prefix)", field)
 
 
@@ -367,7 +362,7 @@ def _side_by_side(
     members: Sequence[tuple[str, Propagator]],
     epoch: Epoch,
     time_s: ArrayLike,
-    within_s: tuple[float, float] | None = None,
+    within_s: Span | None = None,
     bodies: I64 | None = None,
 ) -> tuple[F64, F64]:
     """States of several propagators along the axis of objects: of all objects, or of those of some numbers."""

@@ -157,15 +157,10 @@ def grazing_altitude_m(start_m: ArrayLike, end_m: ArrayLike, pole_icrs: ArrayLik
     slope (geodetic normal times direction) from the point nearest the centre in stretched axes, where the ellipsoid is
     a sphere. Error below 1e-6 m for lines above the surface. For lines that pass through the Earth the sign is right.
     """
-    a, b, pole = (np.asarray(x, np.float64) for x in (start_m, end_m, pole_icrs))
-    path = b - a
-    last = np.inf if beyond else 1.0
     # All that matters is the meridian half-plane: distance from the axis squared is a quadratic along the segment.
-    a_up, path_up = a @ pole, path @ pole
-    a_square = np.einsum("...i,...i->...", a, a) - a_up**2
-    path_square = np.einsum("...i,...i->...", path, path)
-    path_out_square = path_square - path_up**2
-    mixed = np.einsum("...i,...i->...", a, path) - a_up * path_up
+    a_up, path_up, square, mixed, path_square = _along(start_m, end_m, pole_icrs)
+    a_square, path_out_square, mixed = square - a_up**2, path_square - path_up**2, mixed - a_up * path_up
+    last = np.inf if beyond else 1.0
     stretch = _STRETCH**2
     s = -(mixed + stretch * a_up * path_up) / np.maximum(path_out_square + stretch * path_up**2, 1e-30)
     s = np.clip(s, 0.0, last)
@@ -187,16 +182,21 @@ def earth_clearance_m(start_m: ArrayLike, end_m: ArrayLike, pole_icrs: ArrayLike
 
     Lowest height above the sphere that the ellipsoid becomes in axes stretched along the pole: several times cheaper.
     """
-    a, b, pole = (np.asarray(x, np.float64) for x in (start_m, end_m, pole_icrs))
-    path = b - a
-    a_up, path_up = a @ pole, path @ pole
+    a_up, path_up, square, mixed, path_square = _along(start_m, end_m, pole_icrs)
     more = _STRETCH**2 - 1.0
-    a_square = np.einsum("...i,...i->...", a, a) + more * a_up**2
-    path_square = np.einsum("...i,...i->...", path, path) + more * path_up**2
-    mixed = np.einsum("...i,...i->...", a, path) + more * a_up * path_up
+    a_square, path_square = square + more * a_up**2, path_square + more * path_up**2
+    mixed = mixed + more * a_up * path_up
     s = np.clip(-mixed / np.maximum(path_square, 1e-30), 0.0, np.inf if beyond else 1.0)
     radius_m = np.sqrt(np.maximum(a_square + s * (2.0 * mixed + s * path_square), 0.0))
     return np.asarray(radius_m - EARTH_EQUATORIAL_RADIUS_M)
+
+
+def _along(start_m: ArrayLike, end_m: ArrayLike, pole_icrs: ArrayLike) -> tuple[F64, F64, F64, F64, F64]:
+    """Parts of a start and of the path from it along the pole, and the products start², start·path and path²."""
+    start, end, pole = (np.asarray(x, np.float64) for x in (start_m, end_m, pole_icrs))
+    path = end - start
+    products = (np.einsum("...i,...i->...", *pair) for pair in ((start, start), (start, path), (path, path)))
+    return start @ pole, path @ pole, *products
 
 
 def frame_to_gcrs(frame: str, epoch: Epoch, time_s: ArrayLike) -> F64:

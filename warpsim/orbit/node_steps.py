@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -91,7 +92,7 @@ def make_tracks(
         InputError: A state is not finite, or no step keeps the error below 1 m: the motion is too rough, or the scene
             so long that the nodes would not fit into memory.
     """
-    sampler = _Sampler(names, state, some_states, duration_s, error_m, counted_s)
+    sampler = _Sampler(names, state, some_states, duration_s, error_m, np.asarray(counted_s, np.float64))
     left, found, room = np.arange(len(names)), dict[int, Track](), MOST_NODES
     least_s = SHARED_STEP_S
     while len(left):
@@ -102,21 +103,16 @@ def make_tracks(
     return [found[number] for number in range(len(names))]
 
 
+@dataclass(frozen=True, eq=False)
 class _Sampler:
     """Sampling of the objects of a scene, some of them at a time."""
 
-    def __init__(
-        self,
-        names: Sequence[str],
-        state: StateFunction,
-        some_states: SomeStatesFunction | None,
-        duration_s: float,
-        error_m: float,
-        counted_s: ArrayLike,
-    ) -> None:
-        self._names, self._state = names, state
-        self._some_states = some_states
-        self._duration_s, self._error_m, self._counted_s = duration_s, error_m, np.asarray(counted_s, np.float64)
+    names: Sequence[str]
+    state: StateFunction
+    some_states: SomeStatesFunction | None
+    duration_s: float
+    error_m: float
+    counted_s: F64
 
     def choose(self, bodies: I64, longest_s: float, shortest_s: float, least_s: float = 0.0) -> tuple[float, I64]:
         """Choose a step for bodies that keeps the error between nodes small; those that need less than least_s go.
@@ -126,7 +122,7 @@ class _Sampler:
         for what is between the trials. Motion that is not smooth, as that of a table with few digits, may never come
         below the bound: then the step is taken from where shorter ones stop to help.
         """
-        duration_s, bound_m = self._duration_s, 0.8 * self._error_m
+        duration_s, bound_m = self.duration_s, 0.8 * self.error_m
         step_s = even_step_s(duration_s, max(min(30.0, longest_s), shortest_s))
         before = math.inf, step_s  # error and step of the last shorter trial
         too_long_s = math.inf
@@ -165,7 +161,7 @@ class _Sampler:
 
         room is how many nodes there may be.
         """
-        duration_s, error_m = self._duration_s, self._error_m
+        duration_s, error_m = self.duration_s, self.error_m
         shortest_s = max(SHORTEST_STEP_S, duration_s * len(bodies) / room, duration_s / MOST_NODES_OF_ONE)
         if least_s <= shortest_s:
             least_s = 0.0
@@ -205,11 +201,11 @@ class _Sampler:
         """Refuse tracks that are more than WORST_TRACK_ERROR_M off."""
         rough = max(tracks, key=lambda track: track.error_m)
         if SHORTEST_STEP_S < step_s <= shortest_s:
-            longer_s = even_step_s(self._duration_s, 2.0 * step_s)
+            longer_s = even_step_s(self.duration_s, 2.0 * step_s)
             longer_m = max(track.error_m for track in self._sampled(bodies, longer_s))
             if longer_s == step_s or longer_m > 2.0**0.5 * rough.error_m:
                 raise InputError(
-                    f"{self._duration_s:g} s are too long for {len(self._names)} satellites and targets: between as "
+                    f"{self.duration_s:g} s are too long for {len(self.names)} satellites and targets: between as "
                     f"many orbit nodes as fit into memory, {step_s:.3g} s apart, {rough.name} is "
                     f"{rough.error_m:.3g} m off near {rough.error_at_s:.6g} s",
                     "duration_s",
@@ -221,7 +217,7 @@ class _Sampler:
 
     def _sampled(self, bodies: I64, step_s: float) -> list[Track]:
         """Tracks over a scene that the step divides evenly; outside it the motion is free."""
-        start_s, n_node = node_grid(self._duration_s, step_s)
+        start_s, n_node = node_grid(self.duration_s, step_s)
         ends = round(-start_s / step_s), n_node - 2
         found: list[Track] = []
         for names, state, spans_s in self._pieces(bodies, 2 * n_node):
@@ -230,9 +226,9 @@ class _Sampler:
 
     def _trial_errors_m(self, bodies: I64, step_s: float) -> F64:
         """Largest error of each body in intervals, as _trial_error_m [m]."""
-        n_time = min(2 * n_step(self._duration_s, step_s) + 1, 7 * _N_TRIAL)
+        n_time = min(2 * n_step(self.duration_s, step_s) + 1, 7 * _N_TRIAL)
         return np.concatenate([
-            _trial_error_m(partial(finite_states, names, state), self._duration_s, step_s, spans_s)
+            _trial_error_m(partial(finite_states, names, state), self.duration_s, step_s, spans_s)
             for names, state, spans_s in self._pieces(bodies, n_time)
         ])  # fmt: skip
 
@@ -241,19 +237,19 @@ class _Sampler:
         at_once = max(1, PAIRS_PER_PIECE // n_time)
         at_once -= at_once % _TOGETHER if at_once > _TOGETHER else 0
         for some in np.split(bodies, range(at_once, len(bodies), at_once)):
-            is_all = len(some) == len(self._names)
-            names = [self._names[number] for number in some.tolist()]
-            spans_s = self._counted_s[some] if self._counted_s.ndim > 1 else self._counted_s
-            yield names, self._state if is_all else self._states_of(some), spans_s
+            is_all = len(some) == len(self.names)
+            names = [self.names[number] for number in some.tolist()]
+            spans_s = self.counted_s[some] if self.counted_s.ndim > 1 else self.counted_s
+            yield names, self.state if is_all else self._states_of(some), spans_s
 
     def _states_of(self, bodies: I64) -> StateFunction:
         """The states of some bodies."""
-        some_states = self._some_states
+        some_states = self.some_states
         if some_states is not None:
             return lambda time_s: some_states(time_s, bodies)
 
         def cut(time_s: F64) -> tuple[F64, F64]:
-            position_m, velocity_m_s = self._state(time_s)
+            position_m, velocity_m_s = self.state(time_s)
             return position_m[:, bodies], velocity_m_s[:, bodies]
 
         return cut
