@@ -28,8 +28,8 @@ import warpsim as ws
 from warpsim.constants import EARTH_GM_M3_S2
 from warpsim.exchange.instants import parse_dates
 from warpsim.exchange.segments import plain_name
-from warpsim.orbit.ephemeris import unique_names
 from warpsim.orbit.two_body import propagate_two_body
+from warpsim.tables.text import unlike
 
 EPOCH = Time("2025-03-20T12:00:00", scale="utc")
 CLOCK_S = 2e-11  # rounding of seconds of a day
@@ -445,7 +445,7 @@ def test_names():
     assert [plain_name(n) for n in ("SAT/TWO", "(a b)", "été", "///", "x-1.2_3")] == [
         "SAT_TWO", "a_b", "t", "object", "x-1.2_3"
     ]  # fmt: skip
-    assert unique_names(["a b", "a/b", "a_b", "c"]) == ["a_b", "a_b_2", "a_b_3", "c"]
+    assert unlike(map(plain_name, ["a b", "a/b", "a_b", "c"])) == ["a_b", "a_b_2", "a_b_3", "c"]
 
 
 def states():

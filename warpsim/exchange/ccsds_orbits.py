@@ -130,7 +130,6 @@ def _instants(source: SourceFile, meta: Keywords, rows: Rows, system: str) -> Fi
 
 
 def _block(lines: list[tuple[int, str]], name: str) -> tuple[int | None, int | None]:
-    """Indices of the lines that open and close a block."""
     text = [line for _, line in lines]
     start, stop = (text.index(mark) if mark in text else None for mark in (f"{name}_START", f"{name}_STOP"))
     return start, stop

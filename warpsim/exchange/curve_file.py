@@ -136,7 +136,6 @@ def _known_unit(text: str) -> str:
 
 
 def _um_per(unit: str) -> float:
-    """Micrometres in a unit of length."""
     from astropy.units import Unit
 
     try:

@@ -261,7 +261,6 @@ def _element_set(name: str, line_1: str, line_2: str, number_1: int, number_2: i
 
 
 def _checked(line: str, fields: tuple[_Field, ...], location: _Location) -> dict[str, str]:
-    """The fields of a line by name."""
     from sgp4.io import compute_checksum
 
     if len(line) != LENGTH:

@@ -114,7 +114,6 @@ def element_records(text: str) -> list[ElementRecord]:
 
 
 def _record(fields: Mapping[str, str], location: str, error: InputError | None) -> ElementRecord:
-    """Record of one message."""
     name, number = tidy_name(fields.get("OBJECT_NAME", "")), fields.get("NORAD_CAT_ID", "").strip()
     norad_id = int(number) if _NORAD_ID.fullmatch(number) else None
     if error is not None:
@@ -167,7 +166,6 @@ def _number(fields: Mapping[str, str], keyword: str) -> float:
 
 
 def _epoch(fields: Mapping[str, str]) -> datetime.datetime:
-    """The epoch (UTC)."""
     text = fields.get("EPOCH", "").strip()
     if not text:
         raise InputError("is required", "EPOCH")

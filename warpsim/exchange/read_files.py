@@ -29,7 +29,6 @@ _TLE = re.compile(r"^1 ([A-Z\d ][\d ]{4})[ A-Z] .{50,}\n2 \1 .{50,}$", re.MULTIL
 F64 = NDArray[np.float64]
 
 _FRAME_NOTE = re.compile(r"#\s*frame\s*[:=]\s*(\S+)\s*", re.IGNORECASE)
-_AXES = ("x", "y", "z")
 
 
 def read_ephemeris_table(source: SourceFile) -> list[EphemerisSegment]:
@@ -43,9 +42,7 @@ def read_ephemeris_table(source: SourceFile) -> list[EphemerisSegment]:
     with source.at(0):
         _check_columns(table, "position", "x_m, y_m, z_m or x_km, y_km, z_km", ("x_m", "x_km"))
         instants, frame = _instants(table), _frame(table)
-        position_m = _vector(table, [f"{axis}_m" for axis in _AXES], [f"{axis}_km" for axis in _AXES], "m")
-        has_velocity = table.find("vx_m_s", "vx_km_s") is not None
-        velocity_m_s = _vector(table, [f"v{a}_m_s" for a in _AXES], [f"v{a}_km_s" for a in _AXES], "m/s")
+        position_m, velocity_m_s = _vector(table, "", "m"), _vector(table, "v", "m/s")
         names = table.text("name")
     assert position_m is not None
     lines = _lines(table)
@@ -61,7 +58,7 @@ def read_ephemeris_table(source: SourceFile) -> list[EphemerisSegment]:
                 frame=frame,
                 instants=instants[rows],
                 position_m=position_m[rows],
-                velocity_m_s=velocity_m_s[rows] if has_velocity and velocity_m_s is not None else None,
+                velocity_m_s=None if velocity_m_s is None else velocity_m_s[rows],
                 file=source.file,
                 line=int(lines[rows[0]]),
                 lines=lines[rows],
@@ -162,8 +159,9 @@ def _frame(table: ColumnTable) -> Frame:
         return known_ccsds_frame(stated[0]) if stated else "GCRF"
 
 
-def _vector(table: ColumnTable, names: list[str], names_km: list[str], unit: str) -> F64 | None:
+def _vector(table: ColumnTable, prefix: str, unit: str) -> F64 | None:
     """Three columns in metres (per second), given so or in kilometres; None where there are none."""
+    names, names_km = ([f"{prefix}{axis}_{k}{unit.replace('/', '_')}" for axis in "xyz"] for k in ("", "k"))
     plain, kilo = ([table.find(name) for name in group] for group in (names, names_km))
     found = [name for name in (*plain, *kilo) if name is not None]
     if not found:

@@ -160,7 +160,6 @@ def read_spk(source: SourceFile) -> list[EphemerisSegment]:
 
 
 def _segment(source: SourceFile, segment: Any) -> EphemerisSegment:
-    """One segment of a kernel."""
     if segment.frame not in _FRAMES:
         raise source.error(0, "must be 1 (J2000) or 13000 (ITRF93)", "frame", segment.frame)
     read = _stored_states if segment.data_type in _STATES else _sampled_states

@@ -85,7 +85,6 @@ def _provenance(detections: Table) -> list[str]:
 
 
 def _checked(detections: Table, path: Any) -> dict[str, NDArray[Any]]:
-    """The columns that are written."""
     if not hasattr(detections, "colnames"):
         raise InputError(f"must be an astropy table, got {type(detections).__name__}", "detections")
     if missing := [name for name in _NEEDED if name not in detections.colnames]:
@@ -123,7 +122,6 @@ def _segments(columns: dict[str, NDArray[Any]]) -> list[NDArray[np.int64]]:
 def _segment(
     columns: dict[str, NDArray[Any]], instants: FileInstants, rows: NDArray[np.int64], oem: str, zeros: dict[str, float]
 ) -> list[str]:
-    """Metadata and data of a segment."""
     first = rows[0]
     band, dates = str(columns["band"][first]), instants[rows].dates("UTC")
     meta = {

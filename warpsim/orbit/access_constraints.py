@@ -229,7 +229,6 @@ def active_constraints(
 
 
 def _checked(name: str, function: MarginFunction) -> MarginFunction:
-    """A custom constraint with a check of its result."""
 
     def margin(view: AccessGeometry) -> F64:
         got = np.asarray(function(view))

@@ -151,7 +151,6 @@ class ListedSatellites:
             return _side_by_side([(item.name, item.orbit) for item in self.satellites], epoch, time_s, within_s)
 
     def _states(self, epoch: Epoch, times: F64, within_s: Span | None) -> tuple[F64, F64]:
-        """Propagate together the orbits of one kind, the others alone."""
         position, velocity = (np.empty((len(times), len(self.satellites), 3)) for _ in range(2))
         together: dict[Gravity, tuple[list[int], list[tuple[F64, F64]]]] = {}
         for k, item in enumerate(self.satellites):

@@ -33,6 +33,7 @@ from warpsim.exchange.source import SourceFile, read_source
 from warpsim.orbit.earth import pole_of_date, states_to_gcrs
 from warpsim.orbit.gravity import propagate
 from warpsim.orbit.track import interpolate, sampling_error
+from warpsim.tables.text import unlike
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
@@ -81,7 +82,7 @@ class _FileMotion:
     @cached_property
     def names(self) -> list[str]:
         """Names of the objects, in the order of the files: letters, digits, `_ . -`, unique."""
-        return unique_names(path.name for path in self._all)
+        return unlike(plain_name(path.name) for path in self._all)
 
     def span_s(self, epoch: Epoch) -> tuple[float, float]:
         """First and last time that all objects have in common [s since epoch]."""
@@ -326,18 +327,6 @@ def _paths(segments: Sequence[EphemerisSegment]) -> list[_Path]:
     for path in paths:
         path.name = plain_name(path.name)
     return paths
-
-
-def unique_names(names: Iterable[str]) -> list[str]:
-    """Plain names; one that comes again gets `_2`, `_3`, ..."""
-    result: list[str] = []
-    for name in map(plain_name, names):
-        number, candidate = 1, name
-        while candidate in result:
-            number += 1
-            candidate = f"{name}_{number}"
-        result.append(candidate)
-    return result
 
 
 def _states(

@@ -243,7 +243,6 @@ class _Sampler:
             yield names, self.state if is_all else self._states_of(some), spans_s
 
     def _states_of(self, bodies: I64) -> StateFunction:
-        """The states of some bodies."""
         some_states = self.some_states
         if some_states is not None:
             return lambda time_s: some_states(time_s, bodies)

@@ -114,7 +114,6 @@ class _FromElementSets:
         return _sgp4_states(self.satellites, epoch, time_s)
 
     def _of_source(self, error: InputError) -> InputError:
-        """The error with the source before it."""
         return error.within("lines") if self.file is None else error.of(self.file)
 
     def age_days(self, epoch: Epoch) -> F64:
@@ -266,7 +265,6 @@ def _chosen_sets(satellites: Iterable[Satellite], epoch: Epoch) -> tuple[list[El
 
 
 def _age_days(satellites: Sequence[Satellite], epoch: Epoch) -> F64:
-    """Ages of the satellites' element sets at an epoch [d]."""
     sets, offset_s = _chosen_sets(satellites, epoch)
     whole, fraction = tt_jd(epoch, 0.0)
     jd = np.array([item.epoch_jd_utc for item in sets])

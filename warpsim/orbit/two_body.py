@@ -169,7 +169,6 @@ def _time_of_flight_s(z: float, sum_m: float, chord_term: float) -> float:
 
 
 def _solve_z(sum_m: float, chord_term: float, duration_s: float) -> float:
-    """Bisect for the z whose time of flight is duration_s."""
     high = 4.0 * math.pi**2
     if chord_term > 0:  # y = 0, time 0
         low = -((2.0 * math.acosh(max(sum_m / (math.sqrt(2.0) * chord_term), 1.0))) ** 2)

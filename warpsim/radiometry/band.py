@@ -134,7 +134,6 @@ class Band:
                 put(name, value)
 
     def _check_wavelengths(self) -> None:
-        """Check that wavelengths lie within the nodes."""
         first_um, last_um = (float(end) for end in self.wavelength_um[[0, -1]])
         low_um, high_um = self.half_power_um
         if not first_um <= self.isophotal_um <= last_um:

@@ -65,7 +65,6 @@ def fits_tables(data: bytes) -> list[Part]:
 
 
 def _read_fits(data: bytes, hdu: int) -> ColumnTable:
-    """The table of an HDU."""
     from astropy.io import fits
     from astropy.table import Table
 

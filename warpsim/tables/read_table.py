@@ -139,7 +139,6 @@ def _describes(readme: Path) -> bool:
 
 
 def _read_by_readme(data: bytes, file_name: str, readme: Path) -> ColumnTable:
-    """Table of a text whose bytes a ReadMe describes."""
     with errors_at("readme", str(readme)):
         layout = layout_from_readme(read_bytes(readme).decode("latin-1"), file_name)
     return read_fixed_width(lines_of(data), layout)
