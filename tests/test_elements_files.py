@@ -12,17 +12,14 @@ from pathlib import Path
 
 import pytest
 import sgp4
-from element_sets import parse_element_sets, read_element_sets
+from element_sets import checksummed, iss, parse_element_sets, read_element_sets
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warpsim.errors import InputError
 from warpsim.exchange.element_set import plain_designator
 
-ISS = (
-    "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991",
-    "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482",
-)
+ISS = iss()
 ISS_FIELDS = {
     "CCSDS_OMM_VERS": "3.0",
     "CREATION_DATE": "2019-12-10T00:00:00",
@@ -55,11 +52,6 @@ TABLE = {key: value for key, value in ISS_FIELDS.items() if list(ISS_FIELDS).ind
 
 ELEMENT = 1e-14  # [rad], [rad/min]: rounding of one conversion
 EPOCH_D = 5.8e-12 + 0.5e-11  # days since 1950 in float64 have 3.6e-12 d; the file's microsecond is half of 1.2e-11 d
-
-
-def checksummed(line):
-    tally = sum(int(c) if c in "0123456789" else c == "-" for c in line[:68])
-    return line[:68] + str(tally % 10)
 
 
 def kvn(fields):

@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pytest
 from astropy.time import Time
+from element_sets import iss
 from exchange_samples import (
     AEM,
     AEM_XML,
@@ -398,11 +399,7 @@ def test_leap_second_and_day_of_year():
     assert gps.dates("GPS") == ["1980-01-06T00:00:00.000000000"]
 
 
-TLE = """\
-ISS (ZARYA)
-1 25544U 98067A   25152.00000000  .00001764  00000-0  38792-4 0  9996
-2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482
-"""
+TLE = "\n".join(["ISS (ZARYA)", *iss("25152.00000000"), ""])
 
 
 @pytest.mark.parametrize(
