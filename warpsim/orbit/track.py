@@ -104,7 +104,7 @@ class Track:
         """Return the position [m], of the shape of time_s plus (3,)."""
         return self.state(time_s)[0]
 
-    def _locate(self, time: F64) -> tuple[NDArray[np.int64], F64]:
+    def _locate(self, time: F64) -> tuple[Int, F64]:
         bad = ~((time >= self.start_s - _SPAN_SLACK_S) & (time <= self.end_s + _SPAN_SLACK_S))  # NaN is bad too
         if bad.any():
             worst = float(time[bad].flat[0]) if time.ndim else float(time)
@@ -134,25 +134,16 @@ class TrackStack:
         """Node velocities [m/s], shape (n, 3)."""
         self._span_s = float(self.start_s.max()), min(track.end_s for track in tracks)
 
-    def position_m(self, track: NDArray[np.int64], time_s: F64) -> F64:
-        """Return the positions of pairs of track and time, both (n,): those of Track.position_at_m [m], (n, 3)."""
-        if not self._all_hold(time_s):
-            for number in np.unique(track).tolist():
-                self._tracks[number]._locate(time_s[track == number])
-        return self._between_m(track, time_s)
-
     def positions_m(self, time_s: F64) -> F64:
         """Return the positions of all tracks at times (n,) [m], (n_track, n, 3)."""
-        if not self._all_hold(time_s):
-            for one in self._tracks:
-                one._locate(time_s)
-        return self._between_m(np.arange(len(self._tracks))[:, None], time_s)
+        return self.position_m(np.arange(len(self._tracks))[:, None], time_s)
 
-    def _all_hold(self, time_s: F64) -> bool:
-        """Whether the times lie within all tracks."""
-        return bool(((time_s >= self._span_s[0]) & (time_s <= self._span_s[1])).all())
-
-    def _between_m(self, track: NDArray[np.int64], time_s: F64) -> F64:
+    def position_m(self, track: Int, time_s: F64) -> F64:
+        """Return the positions of tracks at times, of shapes that broadcast: those of Track.position_at_m, (..., 3)."""
+        if not ((time_s >= self._span_s[0]) & (time_s <= self._span_s[1])).all():
+            tracks, times = np.broadcast_arrays(track, time_s)
+            for number in np.unique(tracks).tolist():
+                self._tracks[number]._locate(times[tracks == number])
         step_s = self.step_s[track]
         phase = (time_s - self.start_s[track]) / step_s
         interval = np.clip(np.floor(phase).astype(np.int64), 0, self.n_node[track] - 2)
