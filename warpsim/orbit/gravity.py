@@ -17,6 +17,7 @@ import functools
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebint
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2, EARTH_J2, EARTH_J3, EARTH_J4
@@ -52,16 +53,9 @@ def _matrices() -> tuple[F64, F64, F64]:
     values = np.cos(np.outer(np.pi - np.pi * k / DEGREE, k))  # T_k at the nodes
     weight = np.where((k == 0) | (k == DEGREE), 0.5, 1.0)
     to_coefficients = (2.0 / DEGREE) * weight[:, None] * values.T * weight[None, :]
-    # The integral of T_k is T_{k+1} / (2k + 2) - T_{k-1} / (2k - 2), that of T_1 is T_2 / 4.
-    integral = np.zeros((DEGREE + 2, DEGREE + 1))
-    integral[1, 0] = 1.0
-    integral[2, 1] = 0.25
-    for degree in range(2, DEGREE + 1):
-        integral[degree + 1, degree] = 0.5 / (degree + 1)
-        integral[degree - 1, degree] = -0.5 / (degree - 1)
     higher = np.cos(np.outer(np.pi - np.pi * k / DEGREE, np.arange(DEGREE + 2)))
     from_start = higher - higher[0]
-    return node, to_coefficients, from_start @ integral @ to_coefficients
+    return node, to_coefficients, from_start @ chebint(np.eye(DEGREE + 1)) @ to_coefficients
 
 
 def _integrate(
