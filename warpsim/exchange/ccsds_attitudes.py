@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from warpsim.exchange.ccsds_message import MessageSegment, check_center, common_fields, read_message
 from warpsim.exchange.segments import AttitudeSegment, Frame, ccsds_frame
-from warpsim.exchange.source import Keywords, SourceFile, check_cells, numbers_of
+from warpsim.exchange.source import Keywords, SourceFile
 from warpsim.quaternion import conjugate, product, rotated
 
 F64 = NDArray[np.float64]
@@ -24,20 +24,20 @@ _OF_AN_ORBIT = ("LVLH", "RSW", "RTN", "TNW", "QSW", "NTW", "VNC", "PQW", "VVLH")
 def read_aem(source: SourceFile) -> list[AttitudeSegment]:
     """Segments of an AEM."""
     version, segments = read_message(source, "AEM", _NEEDED, (*_OPTIONAL, *_RATE_FRAMES))
-    return [_attitude(source, segment, version) for segment in segments]
+    return [_attitude(segment, version) for segment in segments]
 
 
-def _attitude(source: SourceFile, segment: MessageSegment, version: float) -> AttitudeSegment:
+def _attitude(segment: MessageSegment, version: float) -> AttitudeSegment:
     meta = segment.meta
     check_center(meta)
     frame, body_frame, a_is_body = _frames(meta)
-    common = common_fields(source, segment, "INTERPOLATION_METHOD")
+    common = common_fields(segment, "INTERPOLATION_METHOD")
     kind = meta.text("ATTITUDE_TYPE").upper().replace(" ", "_").replace("EULER_ANGLES", "EULER_ANGLE")
     rates = None
     if kind in _N_QUATERNION_CELLS:
-        quaternion, rates = _quaternions(source, segment, kind, version)
+        quaternion, rates = _quaternions(segment, kind, version)
     elif kind == "EULER_ANGLE":
-        quaternion = _from_euler_angles(source, segment)
+        quaternion = _from_euler_angles(segment)
     else:
         known = ", ".join((*_N_QUATERNION_CELLS, "EULER_ANGLE"))
         raise meta.error("ATTITUDE_TYPE", f"must be one of {known}", kind)
@@ -90,16 +90,17 @@ def _frames(meta: Keywords) -> tuple[Frame, str, bool]:
     return frame_b, a, True
 
 
-def _quaternions(source: SourceFile, segment: MessageSegment, kind: str, version: float) -> tuple[F64, F64 | None]:
+def _quaternions(segment: MessageSegment, kind: str, version: float) -> tuple[F64, F64 | None]:
     """Quaternions of the rows, scalar last, and what stands beside them: derivatives of these, or rates [deg/s]."""
     meta, rows = segment
-    n_cell = 5 if source.is_xml else _N_QUATERNION_CELLS[kind]
-    check_cells(source, rows, (n_cell,), "a date, a quaternion, and its rate where ATTITUDE_TYPE says so")
-    values = numbers_of(source, rows, 1, n_cell - 1)
-    if version < 2.0 and not source.is_xml:
+    is_xml = meta.source.is_xml
+    n_cell = 5 if is_xml else _N_QUATERNION_CELLS[kind]
+    rows.check(n_cell, "a date, a quaternion, and its rate where ATTITUDE_TYPE says so")
+    values = rows.numbers(1, n_cell - 1)
+    if version < 2.0 and not is_xml:
         _need_metadata(meta, "QUATERNION_TYPE")
     # In XML the components have names, so their order says nothing.
-    first = meta.one_of("QUATERNION_TYPE", ("FIRST", "LAST")) == "FIRST" and not source.is_xml
+    first = meta.one_of("QUATERNION_TYPE", ("FIRST", "LAST")) == "FIRST" and not is_xml
     scalar_last = [1, 2, 3, 0] if first else [0, 1, 2, 3]
     quaternion, beside = values[:, scalar_last], values[:, 4:]
     if n_cell == 5:
@@ -107,14 +108,14 @@ def _quaternions(source: SourceFile, segment: MessageSegment, kind: str, version
     return quaternion, beside if n_cell == 8 else beside[:, scalar_last]
 
 
-def _from_euler_angles(source: SourceFile, segment: MessageSegment) -> F64:
+def _from_euler_angles(segment: MessageSegment) -> F64:
     """Quaternions of turns about three axes, one after the other, each about the axes as turned so far."""
     from scipy.spatial.transform import Rotation
 
     meta, rows = segment
     _need_metadata(meta, "EULER_ROT_SEQ")
-    check_cells(source, rows, (4,), "a date and three angles")
-    angle_deg = numbers_of(source, rows, 1, 3)
+    rows.check(4, "a date and three angles")
+    angle_deg = rows.numbers(1, 3)
     sequence = meta.text("EULER_ROT_SEQ")
     axes = sequence.upper().translate(str.maketrans("123", "XYZ"))
     if not re.fullmatch(r"(?!(.)\1)(?!.(.)\2)[XYZ]{3}", axes):

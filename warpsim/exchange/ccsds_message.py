@@ -90,7 +90,7 @@ def _read_kvn(source: SourceFile, kind: str) -> tuple[float, list[MessageSegment
     open_rows = False  # whether rows of an OEM may follow
     for number, line in lines:
         if line == "META_START":
-            segments.append(MessageSegment(_read_metadata(source, number, lines), Rows([], [])))
+            segments.append(MessageSegment(_read_metadata(source, number, lines), Rows(source)))
             open_rows = kind == "OEM"
             if kind == "AEM":
                 _read_attitude_rows(source, segments[-1].rows, lines)
@@ -104,7 +104,7 @@ def _read_kvn(source: SourceFile, kind: str) -> tuple[float, list[MessageSegment
                     raise source.error(inner_number, "must come after COVARIANCE_STOP, got META_START")
             open_rows = False
         elif open_rows:
-            _add_row(source, segments[-1].rows, number, line)
+            _add_row(segments[-1].rows, number, line)
         else:
             raise source.error(number, "must be META_START", value=line[:40])
     return version, segments
@@ -135,12 +135,12 @@ def _read_attitude_rows(source: SourceFile, rows: Rows, lines: Lines) -> None:
         raise source.error(opened, "must be DATA_START", value=line[:40])
     if opened:
         for number, row in _until(source, "DATA_STOP", opened, lines):
-            _add_row(source, rows, number, row)
+            _add_row(rows, number, row)
 
 
-def _add_row(source: SourceFile, rows: Rows, number: int, line: str) -> None:
+def _add_row(rows: Rows, number: int, line: str) -> None:
     if not line[0].isdecimal() or "=" in line:
-        raise source.error(number, "must be a date and numbers", value=line[:40])
+        raise rows.source.error(number, "must be a date and numbers", value=line[:40])
     rows.add(number, line.split())
 
 
@@ -163,7 +163,7 @@ def _xml_error(source: SourceFile, line: int, rule: str) -> InputError:
 
 
 def _xml_segment(source: SourceFile, kind: str, element: Element) -> MessageSegment:
-    meta, rows = Keywords(source, element.line), Rows([], [])
+    meta, rows = Keywords(source, element.line), Rows(source)
     for item in (item for metadata in element.find("metadata") for item in metadata.children):
         if item.tag != "COMMENT":
             meta.add(item.tag, item.text.strip(), item.line)
@@ -214,11 +214,11 @@ def interpolation(meta: Keywords, method_keyword: str) -> dict[str, Any]:
     return {"interpolation": method, "degree": meta.whole_number("INTERPOLATION_DEGREE")}
 
 
-def common_fields(source: SourceFile, segment: MessageSegment, method_keyword: str) -> dict[str, Any]:
+def common_fields(segment: MessageSegment, method_keyword: str) -> dict[str, Any]:
     """Fields that segments of OEM and AEM have; the rows must fill START_TIME to STOP_TIME."""
     meta, rows = segment
     system = time_system(meta)
-    instants = rows.dates(source, system)
+    instants = rows.dates(system)
     for keyword, end in (("START_TIME", 0), ("STOP_TIME", -1)):
         off_s = float(instants[end].since_instant(meta.date(keyword, system))[0])
         if abs(off_s) > _SPAN_SLACK_S:
@@ -238,7 +238,7 @@ def common_fields(source: SourceFile, segment: MessageSegment, method_keyword: s
         **interpolation(meta, method_keyword),
         "useable": useable,
         "time_system": system,
-        "file": source.file,
+        "file": rows.source.file,
         "line": meta.line,
         "lines": np.array(rows.lines, np.int64),
     }

@@ -18,7 +18,7 @@ from warpsim.exchange.ccsds_message import (
 )
 from warpsim.exchange.instants import FileInstants, later
 from warpsim.exchange.segments import EphemerisSegment, Frame, known_ccsds_frame
-from warpsim.exchange.source import Keywords, Rows, SourceFile, check_cells, number_of, numbers_of
+from warpsim.exchange.source import Keywords, Rows, SourceFile, number_of
 
 F64 = NDArray[np.float64]
 
@@ -30,10 +30,10 @@ def read_oem(source: SourceFile) -> list[EphemerisSegment]:
     """Segments of an OEM."""
     optional = ("REF_FRAME_EPOCH", "INTERPOLATION")
     _, segments = read_message(source, "OEM", ("CENTER_NAME", "REF_FRAME"), optional)
-    return [_ephemeris(source, segment) for segment in segments]
+    return [_ephemeris(segment) for segment in segments]
 
 
-def _ephemeris(source: SourceFile, segment: MessageSegment) -> EphemerisSegment:
+def _ephemeris(segment: MessageSegment) -> EphemerisSegment:
     meta, rows = segment
     frame = _frame(meta, "REF_FRAME")
     if "REF_FRAME_EPOCH" in meta and frame not in ("GCRF", "EME2000", "ITRF"):  # which do not depend on it
@@ -41,10 +41,10 @@ def _ephemeris(source: SourceFile, segment: MessageSegment) -> EphemerisSegment:
     for row, line in zip(rows.cells, rows.lines, strict=True):
         if len(row) not in (7, 10):
             rule = "must have 7 or 10 values (a date, position, velocity, and acceleration or none)"
-            raise source.error(line, rule, value=len(row))
-    common = common_fields(source, segment, "INTERPOLATION")
-    values = 1e3 * numbers_of(source, rows, 1, 6)
-    _ = numbers_of(source, Rows([row[7:] or ["0"] * 3 for row in rows.cells], rows.lines), 0, 3)  # accelerations
+            raise rows.source.error(line, rule, value=len(row))
+    common = common_fields(segment, "INTERPOLATION")
+    values = 1e3 * rows.numbers(1, 6)
+    _ = Rows(rows.source, [row[7:] or ["0"] * 3 for row in rows.cells], rows.lines).numbers(0, 3)  # accelerations
     return EphemerisSegment(frame=frame, position_m=values[:, :3], velocity_m_s=values[:, 3:6], **common)
 
 
@@ -103,14 +103,14 @@ def _trajectory(source: SourceFile, meta: Keywords, lines: list[tuple[int, str]]
         raise known.error("TRAJ_UNITS", "must be km and km/s", units)
     if not rows.cells:
         raise source.error(line, "must hold data, got none", "trajectory")
-    check_cells(source, rows, (n_cell,), "a time, and what TRAJ_TYPE says")
-    values = 1e3 * numbers_of(source, rows, 1, n_cell - 1)
+    rows.check(n_cell, "a time, and what TRAJ_TYPE says")
+    values = 1e3 * rows.numbers(1, n_cell - 1)
     system = time_system(meta)
     return EphemerisSegment(
         object_name=meta.text("OBJECT_NAME", "object"),
         object_id=meta.text("INTERNATIONAL_DESIGNATOR"),
         frame=_frame(known, "TRAJ_REF_FRAME"),
-        instants=_instants(source, meta, rows, system),
+        instants=_instants(meta, rows, system),
         position_m=values[:, :3],
         velocity_m_s=values[:, 3:6] if n_cell > 4 else None,
         **interpolation(known, "INTERPOLATION"),
@@ -121,12 +121,12 @@ def _trajectory(source: SourceFile, meta: Keywords, lines: list[tuple[int, str]]
     )
 
 
-def _instants(source: SourceFile, meta: Keywords, rows: Rows, system: str) -> FileInstants:
+def _instants(meta: Keywords, rows: Rows, system: str) -> FileInstants:
     """Times of rows: dates, or seconds after EPOCH_TZERO."""
     if ":" in rows.cells[0][0]:
-        return rows.dates(source, system)
+        return rows.dates(system)
     _need(meta, "EPOCH_TZERO")
-    return later(meta.date("EPOCH_TZERO", system), numbers_of(source, rows, 0, 1)[:, 0])
+    return later(meta.date("EPOCH_TZERO", system), rows.numbers(0, 1)[:, 0])
 
 
 def _block(lines: list[tuple[int, str]], name: str) -> tuple[int | None, int | None]:
@@ -137,7 +137,7 @@ def _block(lines: list[tuple[int, str]], name: str) -> tuple[int | None, int | N
 
 def _assignments(source: SourceFile, lines: Iterable[tuple[int, str]]) -> tuple[Keywords, Rows]:
     """Values by keyword, the first of each, without units in brackets; and lines that are rows."""
-    found, rows = Keywords(source), Rows([], [])
+    found, rows = Keywords(source), Rows(source)
     for number, line in lines:
         match = re.fullmatch(r"([A-Z_0-9]+)\s*=\s*(.*?)\s*(\[[^\]]*\])?", line)
         if match is not None and match[1] not in found:

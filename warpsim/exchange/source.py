@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 from xml.parsers import expat
 
 import numpy as np
@@ -123,35 +123,43 @@ def read_source(path: str | os.PathLike[str]) -> SourceFile:
     return SourceFile(file, data)
 
 
-class Rows(NamedTuple):
+@dataclass
+class Rows:
     """Rows of a table of numbers: cells and line numbers."""
 
-    cells: list[list[str]]
-    lines: list[int]
+    source: SourceFile
+    cells: list[list[str]] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
 
     def add(self, line: int, cells: list[str]) -> None:
         """Add a row."""
         self.cells.append(cells)
         self.lines.append(line)
 
-    def dates(self, source: SourceFile, system: str) -> FileInstants:
+    def check(self, count: int, what: str) -> None:
+        """Raise unless every row has so many cells."""
+        for row, line in zip(self.cells, self.lines, strict=True):
+            if len(row) != count:
+                before = "" if row is self.cells[0] else " as the line before"
+                raise self.source.error(line, f"must have {count} values ({what}){before}", value=len(row))
+
+    def numbers(self, first: int, count: int) -> F64:
+        """Numbers in columns first to first + count, (n, count); all must be finite."""
+        try:
+            values = np.array([[float(cell) for cell in row[first : first + count]] for row in self.cells], np.float64)
+            good = np.isfinite(values).all() and not any("_" in cell for row in self.cells for cell in row[first:])
+        except ValueError:
+            good = False
+        if good:
+            return values.reshape(len(self.cells), count)
+        for row, line in zip(self.cells, self.lines, strict=True):
+            for cell in row[first : first + count]:
+                number_of(self.source, line, cell)
+        raise self.source.error(self.lines[0] if self.lines else 0, "must hold numbers")
+
+    def dates(self, system: str) -> FileInstants:
         """The instants of the dates that begin the rows."""
-        return dates_of(source, [row[0] if row else "" for row in self.cells], self.lines, system)
-
-
-def numbers_of(source: SourceFile, rows: Rows, first: int, count: int) -> F64:
-    """Numbers in columns first to first + count of each row, (n, count); all must be finite."""
-    try:
-        values = np.array([[float(cell) for cell in row[first : first + count]] for row in rows.cells], np.float64)
-        good = np.isfinite(values).all() and not any("_" in cell for row in rows.cells for cell in row[first:])
-    except ValueError:
-        good = False
-    if good:
-        return values.reshape(len(rows.cells), count)
-    for row, line in zip(rows.cells, rows.lines, strict=True):
-        for cell in row[first : first + count]:
-            number_of(source, line, cell)
-    raise source.error(rows.lines[0] if rows.lines else 0, "must hold numbers")
+        return dates_of(self.source, [row[0] if row else "" for row in self.cells], self.lines, system)
 
 
 def number_of(source: SourceFile, line: int, text: str, field: str = "") -> float:
@@ -173,17 +181,6 @@ def dates_of(
         return parse_dates(texts, system)
     except InputError as error:
         raise error.within(field).at_row(f"line {lines[error.row or 0]}").of(source.file) from None
-
-
-def check_cells(source: SourceFile, rows: Rows, counts: tuple[int, ...], what: str) -> None:
-    """Raise unless every row has the same number of cells, one of counts."""
-    count = len(rows.cells[0])
-    if count not in counts:
-        allowed = " or ".join(map(str, counts))
-        raise source.error(rows.lines[0], f"must have {allowed} values ({what})", value=count)
-    for row, line in zip(rows.cells, rows.lines, strict=True):
-        if len(row) != count:
-            raise source.error(line, f"must have {count} values ({what}) as the line before", value=len(row))
 
 
 class Keywords:

@@ -19,7 +19,7 @@ from warpsim.constants import DAY_S
 from warpsim.errors import InputError, one_line
 from warpsim.exchange.instants import FileInstants, instants_of_time
 from warpsim.exchange.segments import LARGEST_DEGREE, EphemerisSegment, Frame, Interpolation
-from warpsim.exchange.source import Rows, SourceFile, dates_of, number_of, numbers_of
+from warpsim.exchange.source import Rows, SourceFile, dates_of, number_of
 
 F64 = NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def read_meme(source: SourceFile) -> list[EphemerisSegment]:
 
     The object is called by the name of the file, MEME_47798_STARLINK-2379_...: STARLINK-2379, 47798.
     """
-    rows, dates = Rows([], []), []
+    rows, dates = Rows(source), []
     for number, line in source.lines():
         cells = line.split()
         match = _MEME_ROW.fullmatch(cells[0])
@@ -112,7 +112,7 @@ def read_meme(source: SourceFile) -> list[EphemerisSegment]:
             rows.add(number, cells)
     if not dates:
         raise source.error(0, "must hold states, got none")
-    values = 1e3 * numbers_of(source, rows, 1, 6)
+    values = 1e3 * rows.numbers(1, 6)
     named = re.match(r"MEME_(\d+)_([^_]+)", Path(source.file).name)
     return [
         EphemerisSegment(

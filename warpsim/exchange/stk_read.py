@@ -20,7 +20,7 @@ from warpsim.exchange.segments import (
     Frame,
     Interpolation,
 )
-from warpsim.exchange.source import Keywords, Rows, SourceFile, check_cells, dates_of, number_of, numbers_of
+from warpsim.exchange.source import Keywords, Rows, SourceFile, dates_of, number_of
 
 F64 = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class _Block:
         self.given = Keywords(source, line)
         self.boundary_s: list[float] = []
         self.data = ""  # keyword that began the data
-        self.rows = Rows([], [])
+        self.rows = Rows(source)
 
 
 def is_stk(source: SourceFile) -> bool:
@@ -68,7 +68,7 @@ def read_stk_ephemeris(source: SourceFile) -> list[EphemerisSegment]:
     if unit.lower() not in _UNITS:
         raise block.given.error("DistanceUnit", "must be Meters or Kilometers", unit)
     unit_m = _UNITS[unit.lower()]
-    values = _checked_values(source, block, _EPHEMERIS_DATA[block.data], "NumberOfEphemerisPoints")
+    values = _checked_values(block, _EPHEMERIS_DATA[block.data], "NumberOfEphemerisPoints")
     arcs, method, degree = _interpolation(block)
     velocity_m_s: F64 | None = None
     if block.data.startswith("EphemerisLLA"):
@@ -117,7 +117,7 @@ def read_stk_attitude(source: SourceFile) -> list[AttitudeSegment]:
     """The segment of an attitude file."""
     block = _read_block(source, "Attitude", _ATTITUDE_KEYWORDS, _ATTITUDE_DATA)
     frame, epoch = _frame_and_epoch(source, block, "CoordinateAxes")
-    values = _checked_values(source, block, _ATTITUDE_DATA[block.data], "NumberOfAttitudePoints")
+    values = _checked_values(block, _ATTITUDE_DATA[block.data], "NumberOfAttitudePoints")
     return [
         AttitudeSegment(
             object_name=Path(source.file).stem,
@@ -244,13 +244,13 @@ def _frame_and_epoch(source: SourceFile, block: _Block, name: str) -> tuple[Fram
         raise
 
 
-def _checked_values(source: SourceFile, block: _Block, n_column: int, keyword: str) -> F64:
+def _checked_values(block: _Block, n_column: int, keyword: str) -> F64:
     """Numbers of the rows, of which there must be as many as a keyword states."""
-    check_cells(source, block.rows, (n_column,), block.data)
+    block.rows.check(n_column, block.data)
     stated, found = block.given.whole_number(keyword), len(block.rows.cells)
     if stated not in (None, found):
         raise block.given.error(keyword, f"must be the number of rows, {found}, got {stated}")
-    return numbers_of(source, block.rows, 0, n_column)
+    return block.rows.numbers(0, n_column)
 
 
 def _interpolation(block: _Block) -> tuple[bool, Interpolation, int]:
