@@ -101,10 +101,8 @@ class SourceFile:
     @contextlib.contextmanager
     def at(self, line: int, field: str = "") -> Iterator[None]:
         """Put file, line and a field's name before the errors raised inside."""
-        try:
+        with errors_at("", self.file), errors_at("", f"line {line}" if line else ""), errors_at(field):
             yield
-        except InputError as error:
-            raise self.located(error.within(field), line) from None
 
 
 def _digits(line: str) -> int:

@@ -104,7 +104,7 @@ class _FileMotion:
         Raises:
             InputError: A time is farther than 60 s from an object's span, or in a gap between its segments.
         """
-        return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame)
+        return _states(self._all, epoch, time_s, self.frame)
 
     def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: Span) -> tuple[F64, F64]:
         """Return states as `states` does; before and after `within_s` the motion goes on, in free flight if need be.
@@ -118,7 +118,7 @@ class _FileMotion:
         Raises:
             InputError: As `states`, for times within the span.
         """
-        return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame, within_s)
+        return _states(self._all, epoch, time_s, self.frame, within_s)
 
     def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
         """Return warnings, one per object: rows so far apart that positions between them are off by a metre or more.
@@ -330,7 +330,7 @@ def _paths(segments: Sequence[EphemerisSegment]) -> list[_Path]:
 
 
 def _states(
-    paths: Sequence[_Path], epoch: Epoch, time_s: F64, frame: Frame | None, within_s: Span | None = None
+    paths: Sequence[_Path], epoch: Epoch, time_s: ArrayLike, frame: Frame | None, within_s: Span | None = None
 ) -> tuple[F64, F64]:
     """States of objects in GCRS axes, (n_time, n_object, 3) each."""
     times = np.atleast_1d(np.asarray(time_s, np.float64))

@@ -110,28 +110,22 @@ class Band:
                 raise InputError("must be true or false", "per_photon", self.per_photon)
             numbers = {name: plain_number(getattr(self, name), unit, name) for name, unit in _UNITS.items()}
             edges_um = _edges_um(self.half_power_um)
-        response /= response.max()
-
-        def put(attribute: str, value: Any) -> None:
-            object.__setattr__(self, attribute, value)  # the dataclass is frozen for everybody else
-
-        put("wavelength_um", _frozen(wavelength_um))
-        put("response", _frozen(response))
-        put("half_power_um", edges_um)
-        for name, number in numbers.items():
-            put(name, number)
-        put("photon_um", photon_um(wavelength_um, response, self.per_photon))
-        node_um, weight_um = response_rule(wavelength_um, response, _NODES_PER_PIECE, _MAX_PIECE_LOG_WIDTH)
-        put("quadrature_um", (_frozen(node_um), _frozen(self._by_energy(node_um, weight_um))))
-        if math.isnan(self.isophotal_um):
-            node_um, weight_um = self.quadrature_um
-            put("isophotal_um", float(np.sum(weight_um * node_um) / np.sum(weight_um)))
-        if math.isnan(self.half_power_um[0]):
-            put("half_power_um", half_power_um(wavelength_um, response))
-        with errors_at("", f"band {self.name}"):
+            response /= response.max()
+            self._put(wavelength_um=_frozen(wavelength_um), response=_frozen(response), **numbers)
+            self._put(photon_um=photon_um(wavelength_um, response, self.per_photon))
+            node_um, weight_um = response_rule(wavelength_um, response, _NODES_PER_PIECE, _MAX_PIECE_LOG_WIDTH)
+            weight_um = self._by_energy(node_um, weight_um)
+            self._put(quadrature_um=(_frozen(node_um), _frozen(weight_um)))
+            if math.isnan(self.isophotal_um):
+                self._put(isophotal_um=float(np.sum(weight_um * node_um) / np.sum(weight_um)))
+            given = not math.isnan(edges_um[0])
+            self._put(half_power_um=edges_um if given else half_power_um(wavelength_um, response))
             self._check_wavelengths()
-            for name, value in complete_zero_point(numbers, self.flat_w_cm2_per_jy).items():
-                put(name, value)
+            self._put(**complete_zero_point(numbers, self.flat_w_cm2_per_jy))
+
+    def _put(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)  # the dataclass is frozen for everybody else
 
     def _check_wavelengths(self) -> None:
         first_um, last_um = (float(end) for end in self.wavelength_um[[0, -1]])
