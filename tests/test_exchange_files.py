@@ -22,6 +22,7 @@ from exchange_samples import (
     STK_A,
     STK_E,
     damaged,
+    reader,
 )
 from scipy.spatial.transform import Rotation
 
@@ -44,24 +45,12 @@ LIBRARY_M, LIBRARY_M_S, LIBRARY_S = 1e-8, 1e-11, 1e-6  # what the other packages
 
 @pytest.fixture
 def orbits(tmp_path):
-    """Read a text as an orbit file."""
-
-    def do(text, name="x.txt", **options):
-        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
-        return ws.read_ephemeris(tmp_path / name, **options)
-
-    return do
+    return reader(tmp_path, ws.read_ephemeris)
 
 
 @pytest.fixture
 def attitudes(tmp_path):
-    """Read a text as an attitude file."""
-
-    def do(text, name="x.txt"):
-        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
-        return ws.read_attitude(tmp_path / name)
-
-    return do
+    return reader(tmp_path, ws.read_attitude)
 
 
 def refused(read, text, name="x.txt"):

@@ -9,7 +9,7 @@ import lzma
 import numpy as np
 import pytest
 from element_sets import iss, read_element_sets
-from exchange_samples import AEM, CSV, CSV_ATTITUDE, OEM, STK_A, STK_E
+from exchange_samples import AEM, CSV, CSV_ATTITUDE, OEM, STK_A, STK_E, reader
 from scipy.spatial.transform import Rotation
 from skyfield.api import wgs84
 
@@ -24,11 +24,7 @@ HERMITE_M = 0.7  # twice a (n h)^4 / 384, of degree 3 in steps of 60 s at 7,000 
 
 @pytest.fixture
 def orbits(tmp_path):
-    def do(text, name="x.txt"):
-        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
-        return ws.read_ephemeris(tmp_path / name)
-
-    return do
+    return reader(tmp_path, ws.read_ephemeris)
 
 
 @pytest.mark.parametrize("text", [OEM, STK_E, CSV], ids=["oem", "stk", "csv"])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from astropy.time import Time
 from element_sets import iss
+from exchange_samples import reader
 from jplephem.daf import DAF
 from jplephem.spk import SPK
 
@@ -71,11 +72,7 @@ TRAJ_STOP
 
 @pytest.fixture
 def read(tmp_path):
-    def do(text, name="x.txt"):
-        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
-        return ws.read_ephemeris(tmp_path / name)
-
-    return do
+    return reader(tmp_path, ws.read_ephemeris)
 
 
 def test_the_state_of_an_opm_flies_freely(read, tmp_path):
