@@ -127,7 +127,7 @@ def _record(fields: Mapping[str, str], location: str, error: InputError | None) 
                 raise InputError("must be up to nine digits", "NORAD_CAT_ID", number)
             if not (name or number):
                 raise InputError("OBJECT_NAME or NORAD_CAT_ID is required")
-            return ElementSet(name, norad_id, designator, _satrec(fields, norad_id), location)
+            return ElementSet(name, norad_id, _satrec(fields, norad_id), location)
 
     return ElementRecord(name, norad_id, designator, location, parse)
 
