@@ -1,7 +1,7 @@
 """Tables of files, whatever they are of, and FITS files of others.
 
-What tables must be and which layouts they may follow is the caller's. Of FITS wrong sizes are refused before anything is
-read, and damage ends no process.
+What tables must be and which layouts they may follow is the caller's. Of FITS wrong sizes are refused before anything
+is read, and damage ends no process.
 """
 
 from __future__ import annotations
