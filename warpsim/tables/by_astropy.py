@@ -86,9 +86,9 @@ def _whole_fits() -> Iterator[None]:
             failed = InputError(f"cannot be read as a table: FITS: {one_line(error)}")
     texts = " ".join(str(warning.message) for warning in caught)
     if "truncated" in texts or "Error validating header" in texts:
-        raise InputError(CUT_OFF)
+        raise InputError(CUT_OFF) from None
     if failed is not None:
-        raise failed
+        raise failed from None
 
 
 _TABLE = re.compile(rb"<(?:\w+:)?TABLE\b([^>]*?)(?:/>|>(.*?)</(?:\w+:)?TABLE\s*>)", re.DOTALL)

@@ -109,9 +109,10 @@ def delimited_tables(data: bytes, delimiter: str | None = None, *, equal_names: 
         found = [("", lines, comments)]
     parts = []
     for name, rows, header in found:
-        # Of one table alone they are not asked for, and it may have no line of names.
-        line = decoded(rows.text[0]) if len(found) > 1 else ""
-        names = unlike([cell.strip() for cell in _cells_of(line, delimiter or _delimiter_of(line) or " ")])
+        names: list[str] = []
+        if len(found) > 1:  # of one table alone they are not asked for, and it may have no line of names
+            line = decoded(rows.text[0])
+            names = unlike(cell.strip() for cell in _cells_of(line, delimiter or _delimiter_of(line) or " "))
         read = functools.partial(_read_delimited, rows, header, delimiter, equal_names)
         parts.append(Part(name, tuple(names), read))
     return parts
