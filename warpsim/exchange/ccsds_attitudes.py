@@ -43,7 +43,7 @@ def _attitude(segment: MessageSegment, version: float) -> AttitudeSegment:
         raise meta.error("ATTITUDE_TYPE", f"must be one of {known}", kind)
     # A quaternion of A to B turns components in B into those in A (it is the turn that carries A's axes to B's).
     if version < 2.0:
-        _need_metadata(meta, "ATTITUDE_DIR")
+        meta.need("ATTITUDE_DIR", part="metadata")
     backwards = a_is_body != (meta.one_of("ATTITUDE_DIR", ("A2B", "B2A"), "A2B") == "B2A")
     turned = conjugate(quaternion) if backwards else quaternion
     rate_rad_s = None
@@ -52,11 +52,6 @@ def _attitude(segment: MessageSegment, version: float) -> AttitudeSegment:
     elif rates is not None:
         rate_rad_s = _body_rates(meta, np.radians(rates), turned, a_is_body)
     return AttitudeSegment(frame=frame, body_frame=body_frame, quaternion=turned, rate_rad_s=rate_rad_s, **common)
-
-
-def _need_metadata(meta: Keywords, keyword: str) -> None:
-    if keyword not in meta:
-        raise meta.source.error(meta.line, f"must have {keyword}", "metadata")
 
 
 def _body_rates(meta: Keywords, rate: F64, quaternion: F64, a_is_body: bool) -> F64:
@@ -98,7 +93,7 @@ def _quaternions(segment: MessageSegment, kind: str, version: float) -> tuple[F6
     rows.check(n_cell, "a date, a quaternion, and its rate where ATTITUDE_TYPE says so")
     values = rows.numbers(1, n_cell - 1)
     if version < 2.0 and not is_xml:
-        _need_metadata(meta, "QUATERNION_TYPE")
+        meta.need("QUATERNION_TYPE", part="metadata")
     # In XML the components have names, so their order says nothing.
     first = meta.one_of("QUATERNION_TYPE", ("FIRST", "LAST")) == "FIRST" and not is_xml
     scalar_last = [1, 2, 3, 0] if first else [0, 1, 2, 3]
@@ -113,7 +108,7 @@ def _from_euler_angles(segment: MessageSegment) -> F64:
     from scipy.spatial.transform import Rotation
 
     meta, rows = segment
-    _need_metadata(meta, "EULER_ROT_SEQ")
+    meta.need("EULER_ROT_SEQ", part="metadata")
     rows.check(4, "a date and three angles")
     angle_deg = rows.numbers(1, 3)
     sequence = meta.text("EULER_ROT_SEQ")

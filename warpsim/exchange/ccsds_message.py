@@ -59,9 +59,7 @@ def read_message(
                 raise meta.error(keyword, "is not a known keyword of the metadata")
             if not meta.text(keyword):
                 raise meta.error(keyword, "must have a value")
-        missing = [keyword for keyword in (*_NEEDED, *needed) if keyword not in meta]
-        if missing:
-            raise source.error(meta.line, f"must have {', '.join(missing)}", "metadata")
+        meta.need(*_NEEDED, *needed, part="metadata")
         if not rows.cells:
             raise source.error(meta.line, "must hold data, got none", "segment")
     return version, segments

@@ -197,6 +197,11 @@ class Keywords:
             raise self.source.error(line, "must stand once, got it a second time", keyword)
         self._given[keyword] = text, line
 
+    def need(self, *keywords: str, part: str = "") -> None:
+        """Raise unless the part of the file has these."""
+        if missing := [keyword for keyword in keywords if keyword not in self._given]:
+            raise self.source.error(self.line, f"must have {', '.join(missing)}", part)
+
     def text(self, keyword: str, otherwise: str = "") -> str:
         """The value of a keyword; `otherwise` where it is not given."""
         return self._given.get(keyword, (otherwise, 0))[0]

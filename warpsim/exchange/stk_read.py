@@ -230,9 +230,7 @@ def _frame_and_epoch(source: SourceFile, block: _Block, name: str) -> tuple[Fram
     given = block.given
     given.one_of("CentralBody", ("Earth",))
     given.one_of("TimeFormat", ("EpSec",))
-    for keyword in (name, "ScenarioEpoch"):
-        if keyword not in given:
-            raise source.error(given.line, f"must have {keyword}")
+    given.need(name, "ScenarioEpoch")
     frames = {stk: frame for frame, stk in STK_NAME.items()}
     frame = frames[given.one_of(name, list(frames))]
     text, line = given.text("ScenarioEpoch").strip("\"'"), given.line_of("ScenarioEpoch")

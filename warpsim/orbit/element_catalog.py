@@ -45,8 +45,8 @@ class Catalog:
 
     satellites: tuple[Satellite, ...]
     left_out: tuple[LeftOut, ...]
-    n_set: int
-    """Sets of the source, valid or not."""
+    skips: bool
+    """Whether what is not valid is left out, and no error."""
     unmatched: tuple[str, ...] = ()
     """What `exclude` names that is not there."""
 
@@ -96,7 +96,7 @@ def read_catalog(
         first = f" ({left_out[0].location}: {left_out[0].reason})" if left_out else ""
         raise of_source(InputError(f"must leave an element set, got none of {len(records)}{first}"))
     unmatched = (pattern for pattern, some in zip(exclude, excluded, strict=True) if not some)
-    return Catalog(tuple(found), tuple(left_out), len(records), tuple(unmatched))
+    return Catalog(tuple(found), tuple(left_out), skips, tuple(unmatched))
 
 
 def choose_one(records: Sequence[ElementRecord], of_source: OfSource, name: str | None) -> Catalog:
@@ -119,7 +119,7 @@ def choose_one(records: Sequence[ElementRecord], of_source: OfSource, name: str 
     satellite = _parsed(item, of_source, left_out)
     if not satellite.sets:
         _ = _parsed(item, of_source)
-    return Catalog((satellite,), tuple(left_out), len(records))
+    return Catalog((satellite,), tuple(left_out), skips=True)
 
 
 def _parsed(item: _Object, of_source: OfSource, left_out: list[LeftOut] | None = None) -> Satellite:

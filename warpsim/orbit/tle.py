@@ -197,8 +197,7 @@ class TleSatellites(_FromElementSets):
         Raises:
             InputError: No satellite has states.
         """
-        skips = self._catalog.n_set > 1 if self.skip is None else self.skip
-        lost = _lost(self.satellites, epoch, first_s, last_s) if skips else {}
+        lost = _lost(self.satellites, epoch, first_s, last_s) if self._catalog.skips else {}
         if not lost:
             return self, []
         gone = []
