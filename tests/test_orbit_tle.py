@@ -118,7 +118,7 @@ def test_states_are_those_of_the_verification_run():
     worst_km, n_case = 0.0, 0
     for number, lines, rows in published():
         orbit = TleOrbit(lines=lines)
-        epoch = orbit.satellite.sets[0].epoch
+        epoch = Time(*orbit.satellite.sets[0].epoch_jd_utc, format="jd", scale="utc")
         time_s = 60.0 * rows[:, 0]
         if number == "33334":
             with pytest.raises(InputError, match=r"norad33334: no state .*: SGP4: perturbed eccentricity"):
