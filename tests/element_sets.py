@@ -22,6 +22,12 @@ def checksummed(line):
     return line[:68] + str(sum(int(c) if c in "0123456789" else c == "-" for c in line[:68]) % 10)
 
 
+def iss(epoch="19343.69339541"):
+    """Two lines of the space station, of a year of two digits and its day."""
+    first = checksummed(f"1 25544U 98067A   {epoch}  .00001764  00000-0  38792-4 0  999")
+    return first, "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482"
+
+
 def low_orbit(number, rng):
     """Name and two lines of a satellite in low orbit, of 20 March 2025, 12:00 UTC."""
     angle = rng.uniform(0.0, 360.0, 3)

@@ -251,3 +251,13 @@ def damaged(text: str, seed: int) -> bytes:
             data = bytearray(b"\n".join(lines))
         data = data or bytearray(b"x")
     return bytes(data)
+
+
+def reader(folder, read):
+    """What reads a text or bytes as a file in a folder."""
+
+    def do(content, name="x.txt", **options):
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+        return read(folder / name, **options)
+
+    return do

@@ -12,6 +12,7 @@ import re
 from typing import Any, NamedTuple
 
 import numpy as np
+from element_sets import iss
 from exchange_samples import ATTITUDES, EPHEMERIDES, OEM_XML
 
 SCENE: dict[str, Any] = {
@@ -31,10 +32,7 @@ SCENE: dict[str, Any] = {
     "sky": {"catalog": "none"},
 }  # fmt: skip
 
-LINES = (
-    "1 25544U 98067A   25079.50000000  .00001764  00000-0  38792-4 0  9999",
-    "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482",
-)
+LINES = iss("25079.50000000")
 
 PARTS: dict[str, Any] = {
     "ephemeris": {"constellation": {"kind": "ephemeris_files", "files": ["orbit.oem"]}},

@@ -11,10 +11,11 @@ from warpsim_kernels.earth import Earth, is_occulted
 import warpsim as ws
 from warpsim.constants import ASTRONOMICAL_UNIT_M
 from warpsim.errors import InputError
+from warpsim.exchange.geodetic import geodetic_to_itrs_m
 from warpsim.orbit.access import access_intervals, margins
 from warpsim.orbit.access_constraints import AccessConstraints, CameraGeometry
-from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, earth_clearance_m, geodetic_to_itrs_m, grazing_altitude_m
-from warpsim.orbit.eclipse import sunlit_fraction
+from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, earth_clearance_m, grazing_altitude_m
+from warpsim.orbit.sun import sunlit_fraction
 from warpsim.scene.camera_axes import apparent_mean, satellite_state
 
 Z = np.array([0.0, 0.0, 1.0])

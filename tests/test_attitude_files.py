@@ -8,8 +8,6 @@ from scipy.spatial.transform import Rotation
 
 import warpsim as ws
 
-pytest.importorskip("warpsim.exchange.read_files")
-
 PRINTED_RAD = 1e-9  # ten printed digits of a quaternion
 
 EPOCH_UTC = "2025-01-01T14:00:00"

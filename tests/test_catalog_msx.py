@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
+import lzma
 
 import numpy as np
 import pytest
@@ -64,13 +66,13 @@ def assert_v98(catalog):
     assert catalog.quality.tolist() == [2, 2, 2]
 
 
-@pytest.mark.parametrize("packed", [False, True], ids=["plain", "gzip"])
-def test_v98_by_its_bytes(tmp_path, packed):
-    file = written(tmp_path / "msx.dat", v98_lines())
-    if packed:
-        packed_file = tmp_path / "msx.dat.gz"
-        packed_file.write_bytes(gzip.compress(file.read_bytes()))
-        file = packed_file
+@pytest.mark.parametrize(
+    ("suffix", "pack"), [("", bytes), (".gz", gzip.compress), (".bz2", bz2.compress), (".xz", lzma.compress)]
+)
+def test_v98_by_its_bytes(tmp_path, suffix, pack):
+    plain = written(tmp_path / "msx.dat", v98_lines())
+    file = tmp_path / f"msx.dat{suffix}"
+    file.write_bytes(pack(plain.read_bytes()))
     catalog = ws.StarCatalog.read(file, fill=False)
     assert_v98(catalog)
     for place, band in enumerate(BANDS_V98):

@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pytest
 from astropy.time import Time
+from element_sets import iss
 from exchange_samples import (
     AEM,
     AEM_XML,
@@ -21,6 +22,7 @@ from exchange_samples import (
     STK_A,
     STK_E,
     damaged,
+    reader,
 )
 from scipy.spatial.transform import Rotation
 
@@ -28,8 +30,8 @@ import warpsim as ws
 from warpsim.constants import EARTH_GM_M3_S2
 from warpsim.exchange.instants import parse_dates
 from warpsim.exchange.segments import plain_name
-from warpsim.orbit.ephemeris import unique_names
 from warpsim.orbit.two_body import propagate_two_body
+from warpsim.tables.text import unlike
 
 EPOCH = Time("2025-03-20T12:00:00", scale="utc")
 CLOCK_S = 2e-11  # rounding of seconds of a day
@@ -43,24 +45,12 @@ LIBRARY_M, LIBRARY_M_S, LIBRARY_S = 1e-8, 1e-11, 1e-6  # what the other packages
 
 @pytest.fixture
 def orbits(tmp_path):
-    """Read a text as an orbit file."""
-
-    def do(text, name="x.txt", **options):
-        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
-        return ws.read_ephemeris(tmp_path / name, **options)
-
-    return do
+    return reader(tmp_path, ws.read_ephemeris)
 
 
 @pytest.fixture
 def attitudes(tmp_path):
-    """Read a text as an attitude file."""
-
-    def do(text, name="x.txt"):
-        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
-        return ws.read_attitude(tmp_path / name)
-
-    return do
+    return reader(tmp_path, ws.read_attitude)
 
 
 def refused(read, text, name="x.txt"):
@@ -298,7 +288,7 @@ def test_malformed_oem(orbits, old, new, message):
         (b"PK\x03\x04 and so on", "must be text, got a ZIP archive"),
         (b"<!DOCTYPE html><html></html>", "must be text, got a web page (a download that failed?)"),
         (b"time_s\0,x_m", "must be text, got binary data"),
-        (b"\x1f\x8b\x08\x00 damaged", "must be whole, got damaged gzip data"),
+        (b"\x1f\x8b\x08\x00 damaged", "ends early: the gzip data are cut off"),
     ],
 )  # fmt: skip
 def test_malformed_orbit_files(orbits, text, message):
@@ -398,11 +388,7 @@ def test_leap_second_and_day_of_year():
     assert gps.dates("GPS") == ["1980-01-06T00:00:00.000000000"]
 
 
-TLE = """\
-ISS (ZARYA)
-1 25544U 98067A   25152.00000000  .00001764  00000-0  38792-4 0  9996
-2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482
-"""
+TLE = "\n".join(["ISS (ZARYA)", *iss("25152.00000000"), ""])
 
 
 @pytest.mark.parametrize(
@@ -445,7 +431,7 @@ def test_names():
     assert [plain_name(n) for n in ("SAT/TWO", "(a b)", "été", "///", "x-1.2_3")] == [
         "SAT_TWO", "a_b", "t", "object", "x-1.2_3"
     ]  # fmt: skip
-    assert unique_names(["a b", "a/b", "a_b", "c"]) == ["a_b", "a_b_2", "a_b_3", "c"]
+    assert unlike(map(plain_name, ["a b", "a/b", "a_b", "c"])) == ["a_b", "a_b_2", "a_b_3", "c"]
 
 
 def states():

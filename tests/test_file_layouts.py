@@ -8,8 +8,8 @@ import lzma
 
 import numpy as np
 import pytest
-from element_sets import read_element_sets
-from exchange_samples import AEM, CSV, CSV_ATTITUDE, OEM, STK_A, STK_E
+from element_sets import iss, read_element_sets
+from exchange_samples import AEM, CSV, CSV_ATTITUDE, OEM, STK_A, STK_E, reader
 from scipy.spatial.transform import Rotation
 from skyfield.api import wgs84
 
@@ -24,11 +24,7 @@ HERMITE_M = 0.7  # twice a (n h)^4 / 384, of degree 3 in steps of 60 s at 7,000 
 
 @pytest.fixture
 def orbits(tmp_path):
-    def do(text, name="x.txt"):
-        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
-        return ws.read_ephemeris(tmp_path / name)
-
-    return do
+    return reader(tmp_path, ws.read_ephemeris)
 
 
 @pytest.mark.parametrize("text", [OEM, STK_E, CSV], ids=["oem", "stk", "csv"])
@@ -53,10 +49,7 @@ def test_compressed_attitudes_are_the_same(tmp_path, text):
 
 
 def test_compressed_element_sets(tmp_path):
-    lines = (
-        "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991",
-        "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482",
-    )
+    lines = iss()
     for name, data in {"a": gzip.compress("\n".join(lines).encode()), "b": "\r\n".join(lines).encode("utf-16")}.items():
         (tmp_path / name).write_bytes(data)
         assert read_element_sets(tmp_path / name)[0].norad_id == 25544

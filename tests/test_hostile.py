@@ -19,7 +19,7 @@ from warpsim.detector.pixel_maps import maps_path
 from warpsim.errors import InputError, one_line, printable_lines
 from warpsim.exchange.curve_file import read_curve
 from warpsim.optics.telescope import read_psf_file
-from warpsim.tables.npy_file import npy_array
+from warpsim.tables.checked_files import npy_array
 from warpsim.target.mesh import Mesh
 
 RED = "\x1b[31mred"

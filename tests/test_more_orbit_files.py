@@ -8,6 +8,8 @@ import struct
 import numpy as np
 import pytest
 from astropy.time import Time
+from element_sets import iss
+from exchange_samples import reader
 from jplephem.daf import DAF
 from jplephem.spk import SPK
 
@@ -70,11 +72,7 @@ TRAJ_STOP
 
 @pytest.fixture
 def read(tmp_path):
-    def do(text, name="x.txt"):
-        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
-        return ws.read_ephemeris(tmp_path / name)
-
-    return do
+    return reader(tmp_path, ws.read_ephemeris)
 
 
 def test_the_state_of_an_opm_flies_freely(read, tmp_path):
@@ -258,18 +256,14 @@ def test_kernels_that_are_not_read(read, change, message):
 def test_one_name_for_one_idea(tmp_path):
     """`file` and the kinds "tle" and "ephemeris" serve constellations and orbits alike; the old names as well."""
     (tmp_path / "x.ocm").write_text(OCM.split("TRAJ_START\nCENTER_NAME = EARTH\nTRAJ_REF_FRAME = ITRF")[0])
-    lines = [
-        "1 25544U 98067A   25079.50000000  .00001764  00000-0  38792-4 0  9990",
-        "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482",
-    ]
+    lines = list(iss("25079.50000000"))
     file = str(tmp_path / "x.ocm")
     for kind, name in (("ephemeris", "file"), ("ephemeris_files", "files")):
         for value in (file, [file]):
             scene = ws.Scene.load("stss").replace(constellation={"kind": kind, name: value})
             assert scene.constellation.files == (file,) and scene.constellation.names == ["SAT_ONE"]
     for kind in ("tle", "tle_orbit"):
-        told = lines[0][:68] + str(sum(int(c) if c.isdigit() else c == "-" for c in lines[0][:68]) % 10)
-        scene = ws.Scene.load("stss").replace(trajectory={"kind": kind, "lines": [told, lines[1]]})
+        scene = ws.Scene.load("stss").replace(trajectory={"kind": kind, "lines": lines})
         assert isinstance(scene.trajectory, ws.TleOrbit)
     with pytest.raises(ws.InputError, match="file, files: must not both be given"):
         ws.EphemerisSatellites(file=file, files=[file])

@@ -12,7 +12,7 @@ from skyfield.api import load, wgs84
 
 from warpsim.errors import InputError
 from warpsim.instant import instant
-from warpsim.orbit.arc import BallisticArc, Flight
+from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.two_body import lambert
 
 MU, RADIUS, J2 = 3.986004418e14, 6378137.0, 1.0826266835e-3
@@ -61,18 +61,17 @@ def j2_about(pole):
     return force
 
 
-@pytest.mark.parametrize("direction", ["short", "long"])
 @pytest.mark.parametrize("angle_deg", [0.5, 60.0, 90.0, 150.0, 179.9])
 @pytest.mark.parametrize("duration_s", [900.0, 3000.0, 20000.0])
-def test_lambert_arrives(direction, angle_deg, duration_s):
+def test_lambert_arrives(angle_deg, duration_s):
     turn = np.radians(angle_deg)
     axis = np.array([1.0, 2.0, 2.0]) / 3.0
     r1 = np.array([2.0, -2.0, 1.0]) / 3.0
     r2 = 8.2e6 * (np.cos(turn) * r1 + np.sin(turn) * np.cross(axis, r1))
     r1 = 7.0e6 * r1
-    v1, v2 = lambert(r1, r2, duration_s, direction)
+    v1, v2 = lambert(r1, r2, duration_s)
     momentum = np.cross(r1, v1)
-    assert np.sign(momentum @ axis) == (1.0 if direction == "short" else -1.0)
+    assert momentum @ axis > 0.0
     np.testing.assert_allclose(np.cross(r2, v2), momentum, rtol=1e-10, atol=1e-10 * np.linalg.norm(momentum))
     assert v2 @ v2 / 2 - MU / 8.2e6 == pytest.approx(v1 @ v1 / 2 - MU / 7.0e6, abs=1e-9 * MU / 7e6)
     low = r1 @ v1 < 0 or np.linalg.norm(momentum) < 1e10
@@ -88,16 +87,12 @@ def test_lambert_arrives(direction, angle_deg, duration_s):
 def test_lambert_recovers_a_circular_orbit(angle_deg):
     """e = 0: the transfer along a circle has the circular velocity at both ends."""
     radius, turn = 7.5e6, np.radians(angle_deg)
-    duration_s = turn * np.sqrt(radius**3 / MU)
-    for way, sweep in (("short", turn), ("long", 2 * np.pi - turn)):
-        duration_s = sweep * np.sqrt(radius**3 / MU)
-        r2 = radius * np.array([np.cos(turn), np.sin(turn), 0.0])
-        v1, v2 = lambert([radius, 0.0, 0.0], r2, duration_s, way)
-        sense = 1.0 if way == "short" else -1.0
-        speed = sense * np.sqrt(MU / radius)
-        # Rounding of the half-angle's sine near 180 degrees, 1e-16 / 1e-6 of 7 km/s.
-        np.testing.assert_allclose(v1, [0.0, speed, 0.0], atol=1e-5)
-        np.testing.assert_allclose(v2, speed * np.array([-np.sin(turn), np.cos(turn), 0.0]), atol=1e-5)
+    r2 = radius * np.array([np.cos(turn), np.sin(turn), 0.0])
+    v1, v2 = lambert([radius, 0.0, 0.0], r2, turn * np.sqrt(radius**3 / MU))
+    speed = np.sqrt(MU / radius)
+    # Rounding of the half-angle's sine near 180 degrees, 1e-16 / 1e-6 of 7 km/s.
+    np.testing.assert_allclose(v1, [0.0, speed, 0.0], atol=1e-5)
+    np.testing.assert_allclose(v2, speed * np.array([-np.sin(turn), np.cos(turn), 0.0]), atol=1e-5)
 
 
 def test_lambert_satisfies_lamberts_theorem():
@@ -126,8 +121,6 @@ def test_lambert_satisfies_lamberts_theorem():
 def test_lambert_names_what_is_degenerate(r2, duration_s, word):
     with pytest.raises(InputError, match=word):
         lambert([7e6, 0.0, 0.0], r2, duration_s)
-    with pytest.raises(InputError, match="direction"):
-        lambert([7e6, 0.0, 0.0], [0.0, 7e6, 0.0], 900.0, "up")
 
 
 @pytest.mark.parametrize("gravity", ["two_body", "j2"])
@@ -141,7 +134,7 @@ def test_lambert_names_what_is_degenerate(r2, duration_s, word):
     ],
 )
 def test_arcs_that_no_body_flies_are_refused_before_they_are_integrated(gravity, changes, words, monkeypatch):
-    monkeypatch.setattr(Flight, "_shoot", None)
+    monkeypatch.setattr(BallisticArc, "_shoot", None)
     with pytest.raises(InputError, match=words):
         paper_arc(gravity=gravity, **changes).start_velocity_m_s  # noqa: B018
 
@@ -229,7 +222,8 @@ def test_a_flight_is_solved_once_for_an_epoch():
     arc = paper_arc(epoch_utc="2025-03-20T12:00:00")
     flight = arc.flight()
     assert flight is arc.flight(instant("2025-03-20T12:00")) is paper_arc().flight(instant("2025-03-20T12:00:00"))
-    assert flight.start_velocity_m_s is arc.start_velocity_m_s and flight.end_points_m is arc.end_points_m
+    assert np.array_equal(flight.start_velocity_m_s, arc.start_velocity_m_s)
+    assert np.array_equal(flight.end_points_m, arc.end_points_m)
     assert (flight.start_speed_m_s, flight.range_angle_deg, flight.apogee_altitude_km) == (
         arc.start_speed_m_s, arc.range_angle_deg, arc.apogee_altitude_km
     )  # fmt: skip

@@ -8,6 +8,7 @@ import zlib
 import numpy as np
 import pytest
 from astropy import units as u
+from element_sets import iss
 from pydantic import TypeAdapter
 
 from warpsim.config.model import input_error
@@ -23,10 +24,7 @@ from warpsim.scene.motion import release_velocities
 
 MU = 3.986004418e14
 EPOCH = utc_time("2025-06-01T00:00:00")
-ISS = (
-    "1 25544U 98067A   25152.00000000  .00001764  00000-0  38792-4 0  9996",
-    "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482",
-)
+ISS = iss("25152.00000000")
 
 ANGLE_DEG = 1e-9  # of nodes and anomalies found from states; measured 3e-13
 COPY_M = 1e-6  # two ways to one state at 8,000 km; measured 2e-8

@@ -10,7 +10,7 @@ from skyfield.geometry import intersect_line_and_sphere
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M, SUN_RADIUS_M
 from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
-from warpsim.orbit.eclipse import covered_fraction, eclipses, sunlit_depth, sunlit_fraction
+from warpsim.orbit.sun import covered_fraction, eclipses, sunlit_depth, sunlit_fraction
 
 A = EARTH_EQUATORIAL_RADIUS_M
 Z = np.array([0.0, 0.0, 1.0])

@@ -14,6 +14,7 @@ from astropy import units as u
 from astropy.coordinates import GCRS, TEME, CartesianRepresentation
 from astropy.time import Time, TimeDelta
 from astropy.utils import iers
+from element_sets import checksummed, iss
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -26,10 +27,7 @@ from warpsim.orbit.tle import TleOrbit, TleSatellites
 
 pytestmark = pytest.mark.filterwarnings("ignore:ERFA function")  # leap seconds of the future are not known
 
-ISS = (
-    "1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991",
-    "2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482",
-)
+ISS = iss()
 GEO = (
     "1 28626U 05008A   06176.46683397 -.00000205  00000-0  10000-3 0  2190",
     "2 28626   0.0019 286.9433 0000335  13.7918  55.6504  1.00270176  4891",
@@ -41,11 +39,6 @@ SAME_M = 3e-5  # against skyfield: its times are in days, 4e-9 s, of 8 km/s; mea
 SAME_M_S = 1e-7
 PUBLISHED_KM = 5e-7  # the file prints 1e-8 km; measured 8e-9, and 2.4e-7 (4e-8 s) after 3.5 years
 LEAP_S = 1e-6
-
-
-def checksummed(line):
-    tally = sum(int(c) if c in "0123456789" else c == "-" for c in line[:68])
-    return line[:68] + str(tally % 10)
 
 
 def renumbered(number, lines=ISS):
@@ -125,7 +118,7 @@ def test_states_are_those_of_the_verification_run():
     worst_km, n_case = 0.0, 0
     for number, lines, rows in published():
         orbit = TleOrbit(lines=lines)
-        epoch = orbit.satellite.sets[0].epoch
+        epoch = Time(*orbit.satellite.sets[0].epoch_jd_utc, format="jd", scale="utc")
         time_s = 60.0 * rows[:, 0]
         if number == "33334":
             with pytest.raises(InputError, match=r"norad33334: no state .*: SGP4: perturbed eccentricity"):
@@ -220,13 +213,9 @@ def test_the_nearest_of_several_sets_is_taken():
     assert np.array_equal(history.states(utc_time("2025-01-12"), [5.0])[0], alone[0])
 
 
-def with_checksum(line):
-    return line[:68] + str(sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10)
-
-
 def test_states_beyond_all_reason_are_refused():
     """With much drag, SGP4 puts a set of 2019 10^8 km away in 1990, and calls that no error."""
-    dragging = (with_checksum(ISS[0].replace("38792-4", "38792-3")), ISS[1])
+    dragging = (checksummed(ISS[0].replace("38792-4", "38792-3")), ISS[1])
     assert np.isfinite(TleOrbit(lines=dragging).states(utc_time("2019-12-10"), [0.0])[0]).all()
     message = (
         r"^norad25544: no state at 1990-01-01T00:00:10.000 UTC \(10 s\): SGP4: \S+e\+\d+ km from the Earth's centre, "
@@ -244,7 +233,7 @@ def test_tracks_of_molniya_take_long_steps():
         "1 40296U 14069A   25079.50000000  .00000100  00000-0  00000-0 0  999",
         "2 40296  63.4000 100.0000 7400000 270.0000 180.0000  2.00600000    1",
     )
-    satellites = TleSatellites(lines=[with_checksum(f"{line:<68}") for line in lines])
+    satellites = TleSatellites(lines=[checksummed(f"{line:<68}") for line in lines])
     epoch, asked = utc_time("2025-03-20T12:00:00"), []
 
     def states(time_s):

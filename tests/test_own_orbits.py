@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from astropy.time import Time
+from element_sets import iss
 from scipy.interpolate import KroghInterpolator
 from skyfield.api import EarthSatellite, load
 
@@ -17,11 +18,7 @@ TRACK_M = 1e-3  # what interpolation between nodes may add
 SKYFIELD_M = 5e-3  # with the interpolation between nodes
 
 EPOCH = "2025-06-01T00:00:00"
-TLE = """\
-ISS (ZARYA)
-1 25544U 98067A   25152.00000000  .00001764  00000-0  38792-4 0  9996
-2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482
-"""
+TLE = "\n".join(["ISS (ZARYA)", *iss("25152.00000000"), ""])
 BODY = {
     "shape": {"kind": "cone", "radius_m": 0.25, "height_m": 1.0},
     "surface": {"emissivity": 0.9},

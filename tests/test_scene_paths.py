@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from element_sets import iss
 
 import warpsim as ws
 from warpsim.files import absolute_path
@@ -11,10 +12,7 @@ from warpsim.orbit.constellations import NamedOrbit
 from warpsim.scene.environment import Sky
 from warpsim.scene.scene_files import named_files
 
-TLE = """\
-1 25544U 98067A   25152.00000000  .00001764  00000-0  38792-4 0  9996
-2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482
-"""
+TLE = "\n".join([*iss("25152.00000000"), ""])
 SCAN = "time_s,ra_deg,dec_deg\n0,0,0\n2000,10,0\n"
 ATTITUDE = "time_s,qx,qy,qz,qw\n0,0,0,0,1\n2000,0,0,0.6,0.8\n"
 STATES = "name,time_s,x_km,y_km,z_km\na,-60,7000,0,0\na,2000,7000,1,0\nb,-60,7000,2,0\nb,2000,7000,3,0\n"

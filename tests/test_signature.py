@@ -13,7 +13,7 @@ from warpsim_kernels.shadow import sunlit_fraction_kernel
 from warpsim_kernels.signature import Features
 
 import warpsim as ws
-from warpsim.orbit.eclipse import sunlit_fraction
+from warpsim.orbit.sun import sunlit_fraction
 from warpsim.radiometry.sun_and_earth import sun_irradiance_w_m2
 from warpsim.render.buffers import new_area_series
 from warpsim.render.stages import aim, observe_targets

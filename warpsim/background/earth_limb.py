@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from warpsim_catalogs import path
 
 from warpsim.radiometry.band import Band
-from warpsim.radiometry.curve import band_rule
-from warpsim.radiometry.sun_and_earth import sunlight_rule
+from warpsim.radiometry.sun_and_earth import band_rule, sunlight_rule
 
 Array = NDArray[np.float64]
 

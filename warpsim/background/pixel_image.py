@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from warpsim.background.map_units import LARGEST
 from warpsim.errors import InputError, one_line
-from warpsim.tables.fits_file import is_image, open_fits
-from warpsim.tables.npy_file import npy_array
+from warpsim.tables.checked_files import is_image, npy_array, open_fits
 
 
 def read_pixel_image(path: str, n_band: int, n_row: int, n_col: int) -> NDArray[np.float32]:

@@ -16,7 +16,7 @@ from warpsim.background.sky_plates import SkyMap, SkyPlate
 from warpsim.config.fields import FUNCTION
 from warpsim.errors import InputError, one_line
 from warpsim.radiometry.band import Band
-from warpsim.tables.fits_file import is_image, open_fits
+from warpsim.tables.checked_files import is_image, open_fits
 
 __all__ = ["radiance_scales", "response_width_hz", "sky_map_plates", "sky_map_sizes"]
 

@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import planck_w_m2_sr_um
-from warpsim.radiometry.curve import band_rule
-from warpsim.radiometry.sun_and_earth import solar_spectrum, sunlight_rule
+from warpsim.radiometry.sun_and_earth import band_rule, solar_spectrum, sunlight_rule
 
 Array = NDArray[np.float64]
 

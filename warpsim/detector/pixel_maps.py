@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.errors import InputError, one_line
-from warpsim.tables.fits_file import is_image, open_fits
+from warpsim.tables.checked_files import is_image, open_fits
 
 SENSOR_FIELD = "{sensor}"
 """Stands for the name of a sensor in the name of a file."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.radiometry.curve_nodes import checked_curve
 from warpsim.tables.columns import ColumnTable, plain_name
 from warpsim.tables.read_table import read_table
@@ -66,11 +66,10 @@ def read_curve(path: str, column: str | None = None) -> CurveFile:
     """
     try:
         state = Path(path).stat()
-        return _read(path, column, state.st_mtime_ns, state.st_size)
+        with errors_at("", path):
+            return _read(path, column, state.st_mtime_ns, state.st_size)
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror or error}").of(path) from None
-    except InputError as error:
-        raise error.of(path) from None
 
 
 @lru_cache(maxsize=64)
@@ -137,7 +136,6 @@ def _known_unit(text: str) -> str:
 
 
 def _um_per(unit: str) -> float:
-    """Micrometres in a unit of length."""
     from astropy.units import Unit
 
     try:

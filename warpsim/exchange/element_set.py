@@ -12,12 +12,9 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from warpsim.errors import NO_VALUE, InputError
-
-if TYPE_CHECKING:
-    from astropy.time import Time
 
 LENGTH = 69
 MAX_MEAN_MOTION = 18.0
@@ -34,17 +31,10 @@ class ElementSet:
     """As in the file, "" where it gives none."""
     norad_id: int | None
     """Catalog number; None where an OMM gives none."""
-    international_designator: str
-    """Launch year, number and piece, "1998-067A"; as in the file where it is written otherwise, "" where absent."""
     satrec: Any
     """The initialised `sgp4.api.Satrec`, with the constants of WGS72."""
     location: str
     """Line or record of the source: `line 3`."""
-
-    @property
-    def label(self) -> str:
-        """Label for messages."""
-        return label(self.name, self.norad_id)
 
     @property
     def epoch_jd_utc(self) -> tuple[float, float]:
@@ -58,13 +48,6 @@ class ElementSet:
         elements = sat.bstar, sat.ndot, sat.nddot, sat.ecco, sat.argpo, sat.inclo, sat.mo, sat.no_kozai, sat.nodeo
         return *self.epoch_jd_utc, *elements
 
-    @property
-    def epoch(self) -> Time:
-        """Epoch (UTC)."""
-        from astropy.time import Time
-
-        return Time(*self.epoch_jd_utc, format="jd", scale="utc")
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ElementRecord:
@@ -74,7 +57,7 @@ class ElementRecord:
     norad_id: int | None
     """Catalog number; None where there is none, or none that can be read."""
     designator: str
-    """International designator."""
+    """Launch year, number and piece, "1998-067A"; as in the file where it is written otherwise, "" where absent."""
     location: str
     """Line or record of the source: `line 3`."""
     parse: Callable[[], ElementSet]
@@ -256,12 +239,10 @@ def _element_set(name: str, line_1: str, line_2: str, number_1: int, number_2: i
         check_model(satrec)
     except InputError as error:
         raise at_1.error(error.rule) from None
-    designator = plain_designator(first["international designator"])
-    return ElementSet(name, from_alpha5(number), designator, satrec, f"line {number_1}")
+    return ElementSet(name, from_alpha5(number), satrec, f"line {number_1}")
 
 
 def _checked(line: str, fields: tuple[_Field, ...], location: _Location) -> dict[str, str]:
-    """The fields of a line by name."""
     from sgp4.io import compute_checksum
 
     if len(line) != LENGTH:

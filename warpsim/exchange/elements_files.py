@@ -15,10 +15,9 @@ import math
 import os
 import re
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.exchange.element_set import (
     MAX_MEAN_MOTION,
     ElementRecord,
@@ -83,10 +82,8 @@ def read_element_records(path: str | os.PathLike[str]) -> list[ElementRecord]:
     """Find the element sets of a file, in its order, without parsing their numbers. The content says the format."""
     source = read_source(path)
     source.check_kind()
-    try:
+    with errors_at("", source.file):
         return element_records(source.text)
-    except InputError as error:
-        raise error.of(path) from None
 
 
 def element_records(text: str) -> list[ElementRecord]:
@@ -117,28 +114,22 @@ def element_records(text: str) -> list[ElementRecord]:
 
 
 def _record(fields: Mapping[str, str], location: str, error: InputError | None) -> ElementRecord:
-    """Record of one message."""
     name, number = tidy_name(fields.get("OBJECT_NAME", "")), fields.get("NORAD_CAT_ID", "").strip()
     norad_id = int(number) if _NORAD_ID.fullmatch(number) else None
     if error is not None:
         return bad_record(error, location, name, norad_id)
     designator = plain_designator(tidy_name(fields.get("OBJECT_ID", "")))
-    return ElementRecord(name, norad_id, designator, location, partial(_element_set, fields, location))
 
+    def parse() -> ElementSet:
+        """Satellite of the message; its errors begin with the location, the object's name and its number."""
+        with errors_at("", location), errors_at("", label(name, norad_id)):
+            if number and norad_id is None:
+                raise InputError("must be up to nine digits", "NORAD_CAT_ID", number)
+            if not (name or number):
+                raise InputError("OBJECT_NAME or NORAD_CAT_ID is required")
+            return ElementSet(name, norad_id, _satrec(fields, norad_id), location)
 
-def _element_set(fields: Mapping[str, str], location: str) -> ElementSet:
-    """Satellite of one message; its errors begin with the location, the object's name and its number."""
-    name, number = tidy_name(fields.get("OBJECT_NAME", "")), fields.get("NORAD_CAT_ID", "").strip()
-    if number and not _NORAD_ID.fullmatch(number):
-        raise InputError("must be up to nine digits", "NORAD_CAT_ID", number).of(name).of(location)
-    if not (name or number):
-        raise InputError("OBJECT_NAME or NORAD_CAT_ID is required").of(location)
-    norad_id = int(number) if number else None
-    try:
-        satrec = _satrec(fields, norad_id)
-    except InputError as error:
-        raise error.of(label(name, norad_id)).of(location) from None
-    return ElementSet(name, norad_id, plain_designator(tidy_name(fields.get("OBJECT_ID", ""))), satrec, location)
+    return ElementRecord(name, norad_id, designator, location, parse)
 
 
 def _satrec(fields: Mapping[str, str], norad_id: int | None) -> Any:
@@ -175,7 +166,6 @@ def _number(fields: Mapping[str, str], keyword: str) -> float:
 
 
 def _epoch(fields: Mapping[str, str]) -> datetime.datetime:
-    """The epoch (UTC)."""
     text = fields.get("EPOCH", "").strip()
     if not text:
         raise InputError("is required", "EPOCH")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 
 F64 = NDArray[np.float64]
 
-EQUATORIAL_RADIUS_M = 6_378_137.0
-FLATTENING = 1.0 / 298.257223563
-"""WGS84 (NIMA TR8350.2, third edition, 2000)."""
+_ECCENTRICITY_SQUARED = EARTH_FLATTENING * (2.0 - EARTH_FLATTENING)
 
 _ARC_RAD = 1e-3
 """Longest piece of a great arc: its cubic is 1e-7 m off."""
@@ -18,14 +18,13 @@ _TURN_S = 2.0
 """Time before and after a waypoint in which the velocity turns."""
 
 
-def geodetic_to_itrf_m(latitude_deg: F64, longitude_deg: F64, altitude_m: F64) -> F64:
-    """Return positions in the Earth's axes [m], (n, 3), of geodetic ones on the WGS84 ellipsoid, each (n,)."""
-    latitude, longitude = np.radians(latitude_deg), np.radians(longitude_deg)
-    square = FLATTENING * (2.0 - FLATTENING)
-    radius_m = EQUATORIAL_RADIUS_M / np.sqrt(1.0 - square * np.sin(latitude) ** 2)
-    across_m = (radius_m + altitude_m) * np.cos(latitude)
-    up_m = (radius_m * (1.0 - square) + altitude_m) * np.sin(latitude)
-    return np.stack([across_m * np.cos(longitude), across_m * np.sin(longitude), up_m], axis=-1)
+def geodetic_to_itrs_m(lon_deg: ArrayLike, lat_deg: ArrayLike, altitude_m: ArrayLike) -> F64:
+    """Return Earth-fixed positions [m] of WGS84 geodetic coordinates, broadcast shape plus (3,)."""
+    lon, lat, altitude = np.broadcast_arrays(np.radians(lon_deg), np.radians(lat_deg), np.asarray(altitude_m, float))
+    normal = EARTH_EQUATORIAL_RADIUS_M / np.sqrt(1.0 - _ECCENTRICITY_SQUARED * np.sin(lat) ** 2)
+    across = (normal + altitude) * np.cos(lat)
+    along = (normal * (1.0 - _ECCENTRICITY_SQUARED) + altitude) * np.sin(lat)
+    return np.stack([across * np.cos(lon), across * np.sin(lon), along], axis=-1)
 
 
 def great_arcs(time_s: F64, position_m: F64) -> tuple[F64, F64, F64]:

@@ -26,11 +26,11 @@ F64 = NDArray[np.float64]
 TIME_SYSTEMS = ("UTC", "TAI", "TT", "TDB", "GPS")
 """Time systems of dates that are read and written; UT1 is not, as it needs tables from the network."""
 
-_TT_MINUS_TAI_S = 32.184
-_TAI_MINUS_GPS_S = 19.0
+TT_MINUS_TAI_S = 32.184
+_TAI_AHEAD_S = {"GPS": 19.0, "TT": -TT_MINUS_TAI_S, "TDB": -TT_MINUS_TAI_S}  # of TDB, in the mean
 _MJD_ZERO = datetime.date(1858, 11, 17).toordinal()
 _JD_OF_MJD_ZERO = 2_400_000.5
-_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 _DATE = re.compile(
     r"(?:(?P<iso_year>\d{4})-(?:(?P<month>\d\d)-(?P<day>\d\d)|(?P<day_of_year>\d{3}))[T ]"
     r"|(?P<stk_day>\d{1,2}) +(?P<name>[A-Za-z]{3})[a-z]* +(?P<stk_year>\d{4}) +)"
@@ -83,7 +83,7 @@ class FileInstants:
         if self.relative:
             raise InputError("must be instants to be written as dates, got seconds since the scene's epoch", "times")
         gps = check_time_system(system) == "GPS"
-        second = self.second - _TAI_MINUS_GPS_S if gps else self.second
+        second = self.second - _TAI_AHEAD_S["GPS"] if gps else self.second
         try:
             with years_ahead():
                 time = Time(self.day, second / DAY_S, format="mjd", scale="tai", precision=precision)
@@ -125,14 +125,9 @@ def parse_dates(texts: Sequence[str], system: str) -> FileInstants:
             raise InputError("must be a time of the day (no leap second then)", value=texts[row], row=row)
     if system == "UTC":
         second = second + _tai_minus_utc_s(day, second)
-    elif system == "GPS":
-        second = second + _TAI_MINUS_GPS_S
-    elif system == "TT":
-        second = second - _TT_MINUS_TAI_S
     elif system == "TDB":
-        tdb_minus_tt_s: Any = erfa.dtdb(day + _JD_OF_MJD_ZERO, second / DAY_S, 0.0, 0.0, 0.0, 0.0)
-        second = second - tdb_minus_tt_s - _TT_MINUS_TAI_S
-    return _carried(day, second)
+        second = second - erfa.dtdb(day + _JD_OF_MJD_ZERO, second / DAY_S, 0.0, 0.0, 0.0, 0.0)
+    return _carried(day, second + _TAI_AHEAD_S.get(system, 0.0))
 
 
 def mjd_and_second(text: str, row: int | None = None, first_year: int = FIRST_YEAR) -> tuple[int, float]:
@@ -144,13 +139,13 @@ def mjd_and_second(text: str, row: int | None = None, first_year: int = FIRST_YE
     year = int(match["iso_year"] or match["stk_year"])
     if not first_year <= year < LAST_YEAR:
         raise InputError(f"must be in the years {first_year} to {LAST_YEAR - 1}", value=text, row=row)
-    if match["name"] and match["name"].lower() not in _MONTHS:
+    if match["name"] and match["name"].title() not in MONTHS:
         raise InputError("must have a month like Jan", value=text, row=row)
     try:
         if match["day_of_year"]:
             date = datetime.date(year, 1, 1) + datetime.timedelta(days=int(match["day_of_year"]) - 1)
         elif match["name"]:
-            date = datetime.date(year, _MONTHS.index(match["name"].lower()) + 1, int(match["stk_day"]))
+            date = datetime.date(year, MONTHS.index(match["name"].title()) + 1, int(match["stk_day"]))
         else:
             date = datetime.date(year, int(match["month"]), int(match["day"]))
     except ValueError:

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import InputError, one_line
-from warpsim.exchange.ccsds_read import is_ccsds, read_aem, read_oem
-from warpsim.exchange.ccsds_states import message_kind, read_ocm, read_opm
+from warpsim.errors import InputError, errors_at, one_line
+from warpsim.exchange.ccsds_attitudes import read_aem
+from warpsim.exchange.ccsds_message import message_kind
+from warpsim.exchange.ccsds_orbits import read_ocm, read_oem, read_opm
 from warpsim.exchange.instants import FileInstants, parse_dates
 from warpsim.exchange.segments import AttitudeSegment, EphemerisSegment, Frame, known_ccsds_frame, plain_name
 from warpsim.exchange.source import SourceFile, read_source
-from warpsim.exchange.sp3_meme import is_meme, is_sp3, read_meme, read_sp3
-from warpsim.exchange.spk_read import is_spk, read_spk
+from warpsim.exchange.sp3_spk_meme import is_meme, is_sp3, is_spk, read_meme, read_sp3, read_spk
 from warpsim.exchange.stk_read import is_stk, read_stk_attitude, read_stk_ephemeris
 from warpsim.tables.columns import ColumnTable
 from warpsim.tables.text import read_delimited, read_ecsv
@@ -29,7 +29,6 @@ _TLE = re.compile(r"^1 ([A-Z\d ][\d ]{4})[ A-Z] .{50,}\n2 \1 .{50,}$", re.MULTIL
 F64 = NDArray[np.float64]
 
 _FRAME_NOTE = re.compile(r"#\s*frame\s*[:=]\s*(\S+)\s*", re.IGNORECASE)
-_AXES = ("x", "y", "z")
 
 
 def read_ephemeris_table(source: SourceFile) -> list[EphemerisSegment]:
@@ -43,9 +42,7 @@ def read_ephemeris_table(source: SourceFile) -> list[EphemerisSegment]:
     with source.at(0):
         _check_columns(table, "position", "x_m, y_m, z_m or x_km, y_km, z_km", ("x_m", "x_km"))
         instants, frame = _instants(table), _frame(table)
-        position_m = _vector(table, [f"{axis}_m" for axis in _AXES], [f"{axis}_km" for axis in _AXES], "m")
-        has_velocity = table.find("vx_m_s", "vx_km_s") is not None
-        velocity_m_s = _vector(table, [f"v{a}_m_s" for a in _AXES], [f"v{a}_km_s" for a in _AXES], "m/s")
+        position_m, velocity_m_s = _vector(table, "", "m"), _vector(table, "v", "m/s")
         names = table.text("name")
     assert position_m is not None
     lines = _lines(table)
@@ -61,7 +58,7 @@ def read_ephemeris_table(source: SourceFile) -> list[EphemerisSegment]:
                 frame=frame,
                 instants=instants[rows],
                 position_m=position_m[rows],
-                velocity_m_s=velocity_m_s[rows] if has_velocity and velocity_m_s is not None else None,
+                velocity_m_s=None if velocity_m_s is None else velocity_m_s[rows],
                 file=source.file,
                 line=int(lines[rows[0]]),
                 lines=lines[rows],
@@ -158,14 +155,13 @@ def _frame(table: ColumnTable) -> Frame:
         stated.append(str(meta["frame"]))
     if len(set(stated)) > 1:
         raise InputError(f"must be stated once, got {', '.join(stated)}", "frame")
-    try:
+    with errors_at("frame"):
         return known_ccsds_frame(stated[0]) if stated else "GCRF"
-    except InputError as error:
-        raise error.within("frame") from None
 
 
-def _vector(table: ColumnTable, names: list[str], names_km: list[str], unit: str) -> F64 | None:
+def _vector(table: ColumnTable, prefix: str, unit: str) -> F64 | None:
     """Three columns in metres (per second), given so or in kilometres; None where there are none."""
+    names, names_km = ([f"{prefix}{axis}_{k}{unit.replace('/', '_')}" for axis in "xyz"] for k in ("", "k"))
     plain, kilo = ([table.find(name) for name in group] for group in (names, names_km))
     found = [name for name in (*plain, *kilo) if name is not None]
     if not found:
@@ -202,17 +198,15 @@ def ephemeris_of(source: SourceFile, object: str | None = None) -> list[Ephemeri
     with np.errstate(over="ignore"):  # infinity is refused with its line
         if is_spk(source):
             segments = read_spk(source)
-        elif kind in ("OPM", "OCM"):
-            segments = (read_opm if kind == "OPM" else read_ocm)(source)
-        elif is_sp3(source) or is_meme(source):
-            segments = (read_sp3 if is_sp3(source) else read_meme)(source)
-        elif is_ccsds(source):
-            segments = read_oem(source)
+        elif kind:
+            segments = {"OPM": read_opm, "OCM": read_ocm}.get(kind, read_oem)(source)
+        elif is_sp3(source):
+            segments = read_sp3(source)
+        elif is_meme(source):
+            segments = read_meme(source)
         elif is_stk(source):
             segments = read_stk_ephemeris(source)
         else:
-            from warpsim.exchange.read_files import read_ephemeris_table
-
             with _hint_at_elements(source, "states"):
                 segments = read_ephemeris_table(source)
     if object is None:
@@ -237,12 +231,10 @@ def attitude_of(source: SourceFile) -> list[AttitudeSegment]:
     """Like read_attitude(), of a file that has been read."""
     source.check_kind()
     with np.errstate(over="ignore"):
-        if is_ccsds(source):
+        if message_kind(source):
             return read_aem(source)
         if is_stk(source):
             return read_stk_attitude(source)
-        from warpsim.exchange.read_files import read_attitude_table
-
         with _hint_at_elements(source, "attitudes"):
             return read_attitude_table(source)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -128,12 +128,7 @@ class EphemerisSegment:
         time_s: ArrayLike,
         position_m: ArrayLike,
         velocity_m_s: ArrayLike | None = None,
-        *,
-        frame: Frame = "GCRF",
-        object_id: str = "",
-        interpolation: Interpolation | None = None,
-        degree: int | None = None,
-        time_system: str = "UTC",
+        **fields: Any,
     ) -> EphemerisSegment:
         """Segment of states at SI seconds since an epoch (a Time, or an ISO 8601 UTC text).
 
@@ -143,27 +138,19 @@ class EphemerisSegment:
             time_s: Times [s since epoch], shape (n,).
             position_m: Positions [m], shape (n, 3).
             velocity_m_s: Velocities [m/s], shape (n, 3).
-            frame: Their axes.
-            object_id: International designator.
-            interpolation: Method to ask readers for.
-            degree: Degree to ask them for.
-            time_system: Of the dates when written.
+            fields: Others by name: frame (GCRF if left out), object_id, time_system of the dates when written, and
+                interpolation and degree to ask readers for.
         """
         try:
             start = parse_dates([epoch], "UTC") if isinstance(epoch, str) else instants_of_time(epoch)
         except InputError as error:
             raise error.at_row("epoch") from None
-        times = np.atleast_1d(np.asarray(time_s, np.float64))
         return cls(
             object_name=object_name,
-            object_id=object_id,
-            frame=frame,
-            instants=later(start, times),
+            instants=later(start, np.atleast_1d(np.asarray(time_s, np.float64))),
             position_m=np.asarray(position_m, np.float64),
             velocity_m_s=None if velocity_m_s is None else np.asarray(velocity_m_s, np.float64),
-            interpolation=interpolation,
-            degree=degree,
-            time_system=time_system,
+            **{"frame": "GCRF", "object_id": "", **fields},
         )
 
 
@@ -278,14 +265,6 @@ def known_ccsds_frame(name: str) -> Frame:
     if frame is None:
         raise InputError(f"must be one of {', '.join(FRAMES)} (or ICRF, J2000, ITRF-97, ...)", value=name)
     return frame
-
-
-def known_stk_frame(name: str) -> Frame:
-    """The frame of STK's name of a coordinate system; one that is not read is an error."""
-    for frame, known in STK_NAME.items():
-        if known.lower() == name.strip().lower():
-            return frame
-    raise InputError(f"must be one of {', '.join(STK_NAME.values())}", value=name)
 
 
 def plain_name(name: str, otherwise: str = "object") -> str:

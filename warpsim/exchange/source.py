@@ -3,42 +3,25 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
-import io
 import os
 import re
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.errors import NO_VALUE, InputError
+from warpsim.errors import NO_VALUE, InputError, errors_at
 from warpsim.exchange.instants import FileInstants, parse_dates
+from warpsim.tables.file_bytes import N_HEAD, known_kind, read_bytes, unpacked
 
 F64 = NDArray[np.float64]
 
-_PACKED: dict[bytes, str] = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\xfd7zXZ\x00": "lzma"}
-"""First bytes of compressed files, and the modules that read them."""
-
-_OTHER_KINDS = {
-    b"PK\x03\x04": "a ZIP archive",
-    b"%PDF": "a PDF document",
-    b"\x89HDF": "an HDF5 file",
-    b"CDF\x01": "a NetCDF file",
-    b"CDF\x02": "a NetCDF file",
-    b"SIMPLE  =": "a FITS file",
-    b"PAR1": "a Parquet file",
-    b"\x89PNG": "a PNG image",
-    b"\xff\xd8\xff": "a JPEG image",
-    b"7z\xbc\xaf": "a 7z archive",
-    b"\x28\xb5\x2f\xfd": "zstandard, which is not read",
-}
-"""First bytes of files that hold neither orbits nor attitudes."""
+_TABLES = {b"SIMPLE  =": "a FITS file", b"PAR1": "a Parquet file"}
+"""First bytes of binary tables, which hold neither orbits nor attitudes."""
 
 LARGEST_BYTES = 2**31
 """Bytes of a file, also once it is no longer compressed."""
@@ -74,10 +57,9 @@ class SourceFile:
         Raises:
             InputError: It is another kind of file.
         """
-        kind = next((kind for start, kind in _OTHER_KINDS.items() if self.data.startswith(start)), None)
-        if re.match(rb"\s*<(!doctype\s+html|html)\b", self.data[:200], re.IGNORECASE):
-            kind = "a web page (a download that failed?)"
-        if kind is None and b"\0" in self.data[:4096] and not self.data.startswith(_UTF_16):
+        kind = known_kind(self.data)
+        kind = kind or next((table for start, table in _TABLES.items() if self.data.startswith(start)), None)
+        if kind is None and b"\0" in self.data[:N_HEAD] and not self.data.startswith(_UTF_16):
             kind = "binary data"
         if kind is not None:
             raise self.error(0, f"must be text, got {kind}")
@@ -85,7 +67,7 @@ class SourceFile:
     @property
     def head(self) -> str:
         """The beginning of the text."""
-        return SourceFile(self.file, self.data[:4096]).text
+        return SourceFile(self.file, self.data[:N_HEAD]).text
 
     @property
     def is_xml(self) -> bool:
@@ -119,10 +101,8 @@ class SourceFile:
     @contextlib.contextmanager
     def at(self, line: int, field: str = "") -> Iterator[None]:
         """Put file, line and a field's name before the errors raised inside."""
-        try:
+        with errors_at("", self.file), errors_at("", f"line {line}" if line else ""), errors_at(field):
             yield
-        except InputError as error:
-            raise self.located(error.within(field), line) from None
 
 
 def _digits(line: str) -> int:
@@ -134,60 +114,50 @@ def _digits(line: str) -> int:
 def read_source(path: str | os.PathLike[str]) -> SourceFile:
     """Read a file, which must not be empty."""
     file = os.fspath(path)
-    try:
-        data = Path(file).read_bytes()
-    except IsADirectoryError:
-        raise InputError("must be a file, got a folder").of(file) from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "is no name of a file"
-        raise InputError(f"cannot be read: {reason}").of(file) from None
-    data = _unpacked(file, data)
-    if not data.strip():
-        raise InputError("must hold data, got an empty file").of(file)
+    with errors_at("", file):
+        data = unpacked(read_bytes(Path(file)), LARGEST_BYTES)
+        if not data.strip():
+            raise InputError("must hold data, got an empty file")
     return SourceFile(file, data)
 
 
-def _unpacked(file: str, data: bytes) -> bytes:
-    """Content of a file that may be compressed."""
-    module = next((module for start, module in _PACKED.items() if data.startswith(start)), None)
-    if module is None:
-        return data
-    packed = importlib.import_module(module)
-    try:
-        with packed.open(io.BytesIO(data)) as stream:
-            plain: bytes = stream.read(LARGEST_BYTES + 1)
-    except (OSError, EOFError, ValueError, packed.__dict__.get("LZMAError", OSError), zlib.error):
-        raise InputError(f"must be whole, got damaged {module} data").of(file) from None
-    if len(plain) > LARGEST_BYTES:
-        raise InputError(f"must hold at most {LARGEST_BYTES} bytes once it is no longer compressed").of(file)
-    return plain
-
-
-class Rows(NamedTuple):
+@dataclass
+class Rows:
     """Rows of a table of numbers: cells and line numbers."""
 
-    cells: list[list[str]]
-    lines: list[int]
+    source: SourceFile
+    cells: list[list[str]] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
 
     def add(self, line: int, cells: list[str]) -> None:
         """Add a row."""
         self.cells.append(cells)
         self.lines.append(line)
 
+    def check(self, count: int, what: str) -> None:
+        """Raise unless every row has so many cells."""
+        for row, line in zip(self.cells, self.lines, strict=True):
+            if len(row) != count:
+                before = "" if row is self.cells[0] else " as the line before"
+                raise self.source.error(line, f"must have {count} values ({what}){before}", value=len(row))
 
-def numbers_of(source: SourceFile, rows: Rows, first: int, count: int) -> F64:
-    """Numbers in columns first to first + count of each row, (n, count); all must be finite."""
-    try:
-        values = np.array([[float(cell) for cell in row[first : first + count]] for row in rows.cells], np.float64)
-        good = np.isfinite(values).all() and not any("_" in cell for row in rows.cells for cell in row[first:])
-    except ValueError:
-        good = False
-    if good:
-        return values.reshape(len(rows.cells), count)
-    for row, line in zip(rows.cells, rows.lines, strict=True):
-        for cell in row[first : first + count]:
-            number_of(source, line, cell)
-    raise source.error(rows.lines[0] if rows.lines else 0, "must hold numbers")
+    def numbers(self, first: int, count: int) -> F64:
+        """Numbers in columns first to first + count, (n, count); all must be finite."""
+        try:
+            values = np.array([[float(cell) for cell in row[first : first + count]] for row in self.cells], np.float64)
+            good = np.isfinite(values).all() and not any("_" in cell for row in self.cells for cell in row[first:])
+        except ValueError:
+            good = False
+        if good:
+            return values.reshape(len(self.cells), count)
+        for row, line in zip(self.cells, self.lines, strict=True):
+            for cell in row[first : first + count]:
+                number_of(self.source, line, cell)
+        raise self.source.error(self.lines[0] if self.lines else 0, "must hold numbers")
+
+    def dates(self, system: str) -> FileInstants:
+        """The instants of the dates that begin the rows."""
+        return dates_of(self.source, [row[0] if row else "" for row in self.cells], self.lines, system)
 
 
 def number_of(source: SourceFile, line: int, text: str, field: str = "") -> float:
@@ -201,13 +171,6 @@ def number_of(source: SourceFile, line: int, text: str, field: str = "") -> floa
     return value
 
 
-def whole_number_of(source: SourceFile, line: int, text: str, field: str) -> int:
-    """One whole number."""
-    if not (text.isascii() and text.isdigit() and len(text) < 12):
-        raise source.error(line, "must be a whole number", field, text[:40])
-    return int(text)
-
-
 def dates_of(
     source: SourceFile, texts: Sequence[str], lines: Sequence[int], system: str, field: str = ""
 ) -> FileInstants:
@@ -218,15 +181,62 @@ def dates_of(
         raise error.within(field).at_row(f"line {lines[error.row or 0]}").of(source.file) from None
 
 
-def check_cells(source: SourceFile, rows: Rows, counts: tuple[int, ...], what: str) -> None:
-    """Raise unless every row has the same number of cells, one of counts."""
-    count = len(rows.cells[0])
-    if count not in counts:
-        allowed = " or ".join(map(str, counts))
-        raise source.error(rows.lines[0], f"must have {allowed} values ({what})", value=count)
-    for row, line in zip(rows.cells, rows.lines, strict=True):
-        if len(row) != count:
-            raise source.error(line, f"must have {count} values ({what}) as the line before", value=len(row))
+class Keywords:
+    """Values by keyword, with their lines, of a part of a file that begins at `line`."""
+
+    def __init__(self, source: SourceFile, line: int = 0) -> None:
+        self.source, self.line = source, line
+        self._given: dict[str, tuple[str, int]] = {}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._given)
+
+    def add(self, keyword: str, text: str, line: int) -> None:
+        """Add a keyword that is not there yet."""
+        if keyword in self._given:
+            raise self.source.error(line, "must stand once, got it a second time", keyword)
+        self._given[keyword] = text, line
+
+    def need(self, *keywords: str, part: str = "") -> None:
+        """Raise unless the part of the file has these."""
+        if missing := [keyword for keyword in keywords if keyword not in self._given]:
+            raise self.source.error(self.line, f"must have {', '.join(missing)}", part)
+
+    def text(self, keyword: str, otherwise: str = "") -> str:
+        """The value of a keyword; `otherwise` where it is not given."""
+        return self._given.get(keyword, (otherwise, 0))[0]
+
+    def line_of(self, keyword: str) -> int:
+        """The line of a keyword; 0 where it is not given."""
+        return self._given.get(keyword, ("", 0))[1]
+
+    def error(self, keyword: str, rule: str, value: Any = NO_VALUE, field: str = "") -> InputError:
+        """The error to raise about the line of a keyword, which the message may call `field`."""
+        return self.source.error(self.line_of(keyword), rule, field or keyword, value)
+
+    def one_of(self, keyword: str, known: Sequence[str], otherwise: str = "") -> str:
+        """The value of a keyword, which must be a known one in any case; `otherwise` where it is not given."""
+        if keyword not in self._given:
+            return otherwise
+        text = self.text(keyword)
+        for one in known:
+            if text.upper() == one.upper():
+                return one
+        allowed = " or ".join(known) if len(known) < 3 else f"one of {', '.join(known)}"
+        raise self.error(keyword, f"must be {allowed}", text)
+
+    def whole_number(self, keyword: str) -> int | None:
+        """A whole number; None where it is not given."""
+        if keyword not in self._given:
+            return None
+        text = self.text(keyword)
+        if not (text.isascii() and text.isdigit() and len(text) < 12):
+            raise self.error(keyword, "must be a whole number", text[:40])
+        return int(text)
+
+    def date(self, keyword: str, system: str) -> FileInstants:
+        """The instant of a date."""
+        return dates_of(self.source, [self.text(keyword)], [self.line_of(keyword)], system, keyword)
 
 
 @dataclass

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,31 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.exchange.geodetic import geodetic_to_itrf_m, great_arcs
+from warpsim.exchange.geodetic import geodetic_to_itrs_m, great_arcs
 from warpsim.exchange.instants import FileInstants, later
 from warpsim.exchange.segments import (
     NORM_SLACK,
+    STK_NAME,
     AttitudeSegment,
     EphemerisSegment,
     Frame,
     Interpolation,
-    known_stk_frame,
 )
-from warpsim.exchange.source import (
-    Rows,
-    SourceFile,
-    check_cells,
-    dates_of,
-    number_of,
-    numbers_of,
-    whole_number_of,
-)
+from warpsim.exchange.source import Keywords, Rows, SourceFile, dates_of, number_of
 
 F64 = NDArray[np.float64]
 
 _VERSION = re.compile(r"stk\.v\.(\d+)(\.\d+)*", re.ASCII | re.IGNORECASE)
 _UNITS = {"meters": 1.0, "meter": 1.0, "m": 1.0, "kilometers": 1e3, "kilometer": 1e3, "km": 1e3}
-_METHODS: dict[str, Interpolation] = {"lagrange": "lagrange", "hermite": "hermite", "greatarc": "hermite"}
 _DEFAULT_SAMPLES_M1 = 5
 """STK's own, for files that name none."""
 
@@ -55,23 +45,14 @@ _SAME_S = 1e-6
 """Times closer than this are the same where a boundary is looked for."""
 
 
-@dataclass
 class _Block:
     """Content between BEGIN and END."""
 
-    line: int
-    keywords: dict[str, tuple[str, int]] = field(default_factory=dict)
-    """Value and line by keyword, in small letters."""
-
-    boundary_s: list[float] = field(default_factory=list)
-    data: str = ""
-    """Keyword that began the data."""
-
-    rows: Rows = field(default_factory=lambda: Rows([], []))
-
-    def value(self, keyword: str, fallback: str = "") -> tuple[str, int]:
-        """Value and line of a keyword; the fallback and line 0 where it is not given."""
-        return self.keywords.get(keyword.lower(), (fallback, 0))
+    def __init__(self, source: SourceFile, line: int) -> None:
+        self.given = Keywords(source, line)
+        self.boundary_s: list[float] = []
+        self.data = ""  # keyword that began the data
+        self.rows = Rows(source)
 
 
 def is_stk(source: SourceFile) -> bool:
@@ -83,20 +64,19 @@ def read_stk_ephemeris(source: SourceFile) -> list[EphemerisSegment]:
     """Segments of an ephemeris file, cut at its segment boundaries. The object is called as the file is."""
     block = _read_block(source, "Ephemeris", _EPHEMERIS_KEYWORDS, _EPHEMERIS_DATA)
     frame, epoch = _frame_and_epoch(source, block, "CoordinateSystem")
-    text, line = block.value("DistanceUnit", "meters")
-    if text.lower() not in _UNITS:
-        raise source.error(line, "must be Meters or Kilometers", "DistanceUnit", text)
-    unit_m = _UNITS[text.lower()]
-    values = _checked_values(source, block, _EPHEMERIS_DATA[block.data], "NumberOfEphemerisPoints")
-    method, degree = _interpolation(source, block)
+    unit = block.given.text("DistanceUnit", "meters")
+    if unit.lower() not in _UNITS:
+        raise block.given.error("DistanceUnit", "must be Meters or Kilometers", unit)
+    unit_m = _UNITS[unit.lower()]
+    values = _checked_values(block, _EPHEMERIS_DATA[block.data], "NumberOfEphemerisPoints")
+    arcs, method, degree = _interpolation(block)
     velocity_m_s: F64 | None = None
     if block.data.startswith("EphemerisLLA"):
         _check_geodetic(source, block, frame, values)
-        position_m = geodetic_to_itrf_m(values[:, 1], values[:, 2], unit_m * values[:, 3])
+        position_m = geodetic_to_itrs_m(values[:, 2], values[:, 1], unit_m * values[:, 3])
     else:
         position_m = unit_m * values[:, 1:4]
         velocity_m_s = unit_m * values[:, 4:7] if values.shape[1] >= 7 else None
-    arcs = block.value("InterpolationMethod")[0].lower() == "greatarc"
     if block.data.startswith("EphemerisLLA") and not arcs:
         method = "lagrange"  # of the positions alone
     segments = []
@@ -126,8 +106,7 @@ def read_stk_ephemeris(source: SourceFile) -> list[EphemerisSegment]:
 def _check_geodetic(source: SourceFile, block: _Block, frame: Frame, values: F64) -> None:
     """Check that geodetic positions are in the Earth's axes, and latitudes."""
     if frame != "ITRF":
-        line = block.value("CoordinateSystem")[1]
-        raise source.error(line, "must be Fixed for geodetic positions", "CoordinateSystem")
+        raise block.given.error("CoordinateSystem", "must be Fixed for geodetic positions")
     bad = np.abs(values[:, 1]) > 90.0
     if bad.any():
         row = int(np.argmax(bad))
@@ -138,7 +117,7 @@ def read_stk_attitude(source: SourceFile) -> list[AttitudeSegment]:
     """The segment of an attitude file."""
     block = _read_block(source, "Attitude", _ATTITUDE_KEYWORDS, _ATTITUDE_DATA)
     frame, epoch = _frame_and_epoch(source, block, "CoordinateAxes")
-    values = _checked_values(source, block, _ATTITUDE_DATA[block.data], "NumberOfAttitudePoints")
+    values = _checked_values(block, _ATTITUDE_DATA[block.data], "NumberOfAttitudePoints")
     return [
         AttitudeSegment(
             object_name=Path(source.file).stem,
@@ -149,7 +128,7 @@ def read_stk_attitude(source: SourceFile) -> list[AttitudeSegment]:
             quaternion=_quaternions(source, block, values),
             rate_rad_s=np.radians(values[:, -3:]) if block.data.endswith("AngVels") else None,  # in its axes
             file=source.file,
-            line=block.line,
+            line=block.given.line,
             lines=np.array(block.rows.lines, np.int64),
         )
     ]
@@ -170,9 +149,10 @@ def _quaternions(source: SourceFile, block: _Block, values: F64) -> F64:
             raise source.error(block.rows.lines[int(np.argmin(good))], "must be the matrix of a rotation", block.data)
         return np.asarray(Rotation.from_matrix(np.swapaxes(rows, 1, 2)).as_quat(), np.float64)
     about_body = block.data == "AttitudeTimeEulerAngles"  # the axes as turned so far; otherwise those of the reference
-    text, line = block.value("Sequence", "313" if about_body else "321")
+    text = block.given.text("Sequence", "313" if about_body else "321")
     if not re.fullmatch(r"(?!(.)\1)(?!.(.)\2)[123]{3}" if about_body else r"(?!.*(.).*\1)[123]{3}", text):
-        raise source.error(line, f"must be three axes like {'313 or ' if about_body else ''}321", "Sequence", text[:20])
+        rule = f"must be three axes like {'313 or ' if about_body else ''}321"
+        raise block.given.error("Sequence", rule, text[:20])
     # Yaw, pitch and roll, about axes 3, 2 and 1, stand in this order whatever the sequence.
     angles = values[:, 1:4] if about_body else values[:, [4 - int(axis) for axis in text]]
     axes = text.translate(str.maketrans("123", "XYZ" if about_body else "xyz"))
@@ -187,68 +167,55 @@ def _read_block(source: SourceFile, name: str, keywords: tuple[str, ...], data: 
     begin = next((i for i, (_, line) in enumerate(lines) if _words(line) == ["begin", name.lower()]), None)
     if begin is None:
         raise source.error(0, f"must have the line BEGIN {name}, got none")
-    block = _Block(lines[begin][0])
+    block = _Block(source, lines[begin][0])
     known = {word.lower(): word for word in (*keywords, *data)}
-    inside, closed = "", False
+    inside = ""  # "covariance", which is passed over, or "boundary"
     for number, line in lines[begin + 1 :]:
-        words = line.split()
-        if closed:
+        words = _words(line)
+        if words == ["end", name.lower()] and inside != "boundary":
             break
-        if inside:
-            inside = _read_inside(source, block, inside, number, line)
-        elif _words(line) == ["end", name.lower()]:
-            closed = True
-        elif words[0].lower() == "begin":
-            if _words(line) != ["begin", "segmentboundarytimes"]:
-                raise source.error(number, "must be a block that is read", value=line[:40])
+        if inside == "covariance":
+            continue
+        if words == ["end", "segmentboundarytimes"] and inside:
+            inside = ""
+        elif inside:
+            block.boundary_s += [number_of(source, number, word, "SegmentBoundaryTimes") for word in line.split()]
+        elif words == ["begin", "segmentboundarytimes"]:
             inside = "boundary"
-        elif words[0].lower().startswith("covariancetime"):
+        elif words[0] == "begin":
+            raise source.error(number, "must be a block that is read", value=line[:40])
+        elif words[0].startswith("covariancetime"):
             inside = "covariance"
-            closed = False
         elif block.data and words[0][0] in "+-.0123456789":
-            block.rows.add(number, words)
+            block.rows.add(number, line.split())
         else:
             _read_keyword(source, block, known, data, number, line)
-        if inside == "covariance" and _words(line) == ["end", name.lower()]:
-            inside, closed = "", True
-    if not closed:
-        raise source.error(block.line, f"ends early: END {name} must close what begins here")
+    else:
+        raise source.error(block.given.line, f"ends early: END {name} must close what begins here")
     if not block.data:
-        raise source.error(block.line, f"must hold data: one of {', '.join(data)}")
+        raise source.error(block.given.line, f"must hold data: one of {', '.join(data)}")
     if not block.rows.cells:
-        raise source.error(block.line, f"must hold data, got none after {block.data}")
+        raise source.error(block.given.line, f"must hold data, got none after {block.data}")
     return block
-
-
-def _read_inside(source: SourceFile, block: _Block, inside: str, number: int, line: str) -> str:
-    """One line of the boundary times, or of covariances, which are passed over."""
-    if inside == "covariance":
-        return inside
-    if _words(line) == ["end", "segmentboundarytimes"]:
-        return ""
-    block.boundary_s += [number_of(source, number, word, "SegmentBoundaryTimes") for word in line.split()]
-    return inside
 
 
 def _read_keyword(
     source: SourceFile, block: _Block, known: dict[str, str], data: dict[str, int], number: int, line: str
 ) -> None:
-    word, _, value = line.partition(" ") if "\t" not in line else line.replace("\t", " ").partition(" ")
+    word, _, value = line.replace("\t", " ").partition(" ")
     keyword = known.get(word.lower())
     if keyword is None:
-        kind = "data" if re.match(r"(Ephemeris|Attitude)\w*Time", word, re.IGNORECASE) else "keyword"
-        rule = f"must be one of {', '.join(data)}" if kind == "data" else "is not a known keyword"
+        is_data = re.match(r"(Ephemeris|Attitude)\w*Time", word, re.IGNORECASE)
+        rule = f"must be one of {', '.join(data)}" if is_data else "is not a known keyword"
         raise source.error(number, rule, word[:40])
     if block.data:
         raise source.error(number, "must come before the data", keyword)
     if keyword in data:
         block.data = keyword
-    elif keyword.lower() in block.keywords:
-        raise source.error(number, "must stand once, got it a second time", keyword)
-    elif not value.strip():
+    elif not value.strip() and keyword not in block.given:
         raise source.error(number, "must have a value", keyword)
     else:
-        block.keywords[keyword.lower()] = value.strip(), number
+        block.given.add(keyword, value.strip(), number)
 
 
 def _words(line: str) -> list[str]:
@@ -260,51 +227,46 @@ def _frame_and_epoch(source: SourceFile, block: _Block, name: str) -> tuple[Fram
 
     An epoch of the axes says nothing: those that depend on one are not read.
     """
-    for keyword, allowed in (("CentralBody", "Earth"), ("TimeFormat", "EpSec")):
-        value, line = block.value(keyword, allowed)
-        if value.lower() != allowed.lower():
-            raise source.error(line, f"must be {allowed}", keyword, value)
-    for keyword in (name, "ScenarioEpoch"):
-        if not block.value(keyword)[1]:
-            raise source.error(block.line, f"must have {keyword}")
-    text, line = block.value(name)
-    with source.at(line, name):
-        frame = known_stk_frame(text)
-    text, line = block.value("ScenarioEpoch")
-    text = text.strip("\"'")
+    given = block.given
+    given.one_of("CentralBody", ("Earth",))
+    given.one_of("TimeFormat", ("EpSec",))
+    given.need(name, "ScenarioEpoch")
+    frames = {stk: frame for frame, stk in STK_NAME.items()}
+    frame = frames[given.one_of(name, list(frames))]
+    text, line = given.text("ScenarioEpoch").strip("\"'"), given.line_of("ScenarioEpoch")
     try:
         return frame, dates_of(source, [text], [line], "UTC", "ScenarioEpoch")
     except InputError as error:
         if error.rule.startswith("must be a date like"):
-            raise source.error(line, "must be a date like 20 Mar 2025 12:00:00.0", "ScenarioEpoch", text[:40]) from None
+            raise given.error("ScenarioEpoch", "must be a date like 20 Mar 2025 12:00:00.0", text[:40]) from None
         raise
 
 
-def _checked_values(source: SourceFile, block: _Block, n_column: int, keyword: str) -> F64:
+def _checked_values(block: _Block, n_column: int, keyword: str) -> F64:
     """Numbers of the rows, of which there must be as many as a keyword states."""
-    check_cells(source, block.rows, (n_column,), block.data)
-    text, line = block.value(keyword)
-    found = len(block.rows.cells)
-    if line and whole_number_of(source, line, text, keyword) != found:
-        raise source.error(line, f"must be the number of rows, {found}, got {int(text)}", keyword)
-    return numbers_of(source, block.rows, 0, n_column)
+    block.rows.check(n_column, block.data)
+    stated, found = block.given.whole_number(keyword), len(block.rows.cells)
+    if stated not in (None, found):
+        raise block.given.error(keyword, f"must be the number of rows, {found}, got {stated}")
+    return block.rows.numbers(0, n_column)
 
 
-def _interpolation(source: SourceFile, block: _Block) -> tuple[Interpolation, int]:
-    """Method and degree; STK counts samples less one, under two names."""
-    text, line = block.value("InterpolationMethod", "Lagrange")
-    if text.lower() not in _METHODS:
-        raise source.error(line, "must be Lagrange, Hermite or GreatArc", "InterpolationMethod", text)
-    method = _METHODS[text.lower()]
+def _interpolation(block: _Block) -> tuple[bool, Interpolation, int]:
+    """Whether the path is of great arcs, method and degree; STK counts samples less one, under two names."""
+    given = block.given
+    name = given.text("InterpolationMethod", "Lagrange")
+    if name.lower() not in ("lagrange", "hermite", "greatarc"):
+        raise given.error("InterpolationMethod", "must be Lagrange, Hermite or GreatArc", name)
+    method: Interpolation = "lagrange" if name.lower() == "lagrange" else "hermite"
     samples_m1 = _DEFAULT_SAMPLES_M1
     most = 13 if method == "hermite" else 27
     for keyword in ("InterpolationOrder", "InterpolationSamplesM1"):
-        value, line = block.value(keyword)
-        if line:
-            samples_m1 = whole_number_of(source, line, value, keyword)
+        stated = given.whole_number(keyword)
+        if stated is not None:
+            samples_m1 = stated
             if not 1 <= samples_m1 <= most:
-                raise source.error(line, f"must be 1 to {most}, got {value}", keyword)
-    return method, 2 * samples_m1 + 1 if method == "hermite" else samples_m1
+                raise given.error(keyword, f"must be 1 to {most}, got {given.text(keyword)}")
+    return name.lower() == "greatarc", method, 2 * samples_m1 + 1 if method == "hermite" else samples_m1
 
 
 def _pieces(time_s: F64, boundary_s: list[float]) -> list[slice]:

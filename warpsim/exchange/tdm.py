@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arguments import above_zero
 from warpsim.errors import InputError
 from warpsim.exchange.instants import FileInstants, parse_dates
 from warpsim.exchange.segments import EphemerisSegment
@@ -84,7 +85,6 @@ def _provenance(detections: Table) -> list[str]:
 
 
 def _checked(detections: Table, path: Any) -> dict[str, NDArray[Any]]:
-    """The columns that are written."""
     if not hasattr(detections, "colnames"):
         raise InputError(f"must be an astropy table, got {type(detections).__name__}", "detections")
     if missing := [name for name in _NEEDED if name not in detections.colnames]:
@@ -100,12 +100,10 @@ def _checked(detections: Table, path: Any) -> dict[str, NDArray[Any]]:
 
 def _zeros(zero_mag_w_cm2: Mapping[str, float] | None, bands: list[str]) -> dict[str, float]:
     zeros = dict(zero_mag_w_cm2 or {})
-    for band, value in zeros.items():
+    for band in zeros:
         if band not in bands:
             raise InputError(f"must be among {', '.join(bands)}, the bands of the detections", "zero_mag_w_cm2", band)
-        if not (isinstance(value, int | float | np.number) and 0.0 < value < np.inf):
-            raise InputError("must be a number above 0", f"zero_mag_w_cm2.{band}", value)
-    return {band: float(value) for band, value in zeros.items()}
+    return {band: above_zero(f"zero_mag_w_cm2.{band}", value) for band, value in zeros.items()}
 
 
 def _segments(columns: dict[str, NDArray[Any]]) -> list[NDArray[np.int64]]:
@@ -124,7 +122,6 @@ def _segments(columns: dict[str, NDArray[Any]]) -> list[NDArray[np.int64]]:
 def _segment(
     columns: dict[str, NDArray[Any]], instants: FileInstants, rows: NDArray[np.int64], oem: str, zeros: dict[str, float]
 ) -> list[str]:
-    """Metadata and data of a segment."""
     first = rows[0]
     band, dates = str(columns["band"][first]), instants[rows].dates("UTC")
     meta = {

@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.errors import InputError
-from warpsim.exchange.instants import FileInstants, parse_dates
+from warpsim.exchange.instants import MONTHS, FileInstants, parse_dates
 from warpsim.exchange.segments import CCSDS_NAME, DEFAULT_DEGREE, STK_NAME, AttitudeSegment, EphemerisSegment, Segment
 from warpsim.files import check_new_file, whole_file
 
 F64 = NDArray[np.float64]
 
-_MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 _S = TypeVar("_S", EphemerisSegment, AttitudeSegment)
 _PRINTABLE = re.compile(r"[ -~]+")
 
@@ -157,7 +156,7 @@ def _stk_epoch(segment: Segment) -> tuple[str, FileInstants]:
     """The first instant as a scenario epoch, as text and as that text reads."""
     date, clock = segment.instants[0].dates("UTC")[0].split("T")
     year, month, day = date.split("-")
-    text = f"{int(day)} {_MONTHS[int(month) - 1]} {year} {clock}"
+    text = f"{int(day)} {MONTHS[int(month) - 1]} {year} {clock}"
     return text, parse_dates([text], "UTC")
 
 

@@ -11,7 +11,8 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
-from warpsim.orbit.earth import geodetic_to_itrs_m, itrs_to_gcrs
+from warpsim.exchange.geodetic import geodetic_to_itrs_m
+from warpsim.orbit.earth import itrs_to_gcrs
 from warpsim.orbit.sun import earth_states
 from warpsim.orbit.track import TrackStack
 from warpsim.plot.coastlines import coastlines_deg

@@ -34,8 +34,7 @@ from warpsim.optics.tables import DEFAULT_ERROR, ERROR_RANGE
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band
 from warpsim.radiometry.by_band import AS_DICT, ByBand, are_names
-from warpsim.tables.fits_file import is_image, open_fits
-from warpsim.tables.npy_file import npy_array
+from warpsim.tables.checked_files import is_image, npy_array, open_fits
 
 
 def _file_or_table(value: Any) -> str | ByBand[str]:

@@ -207,7 +207,6 @@ class _ScanPositions:
         return self._sensors.at_m(row, time_s), self._target_m(time_s), self._sun_m(time_s)
 
     def _add(self, after: I64, time_s: F64) -> None:
-        """Add points to the scan."""
         if len(after):
             new = self.positions_m(self.scan.row[after], time_s)
             self._scanned_m = tuple(np.concatenate(pair) for pair in zip(self._scanned_m, new, strict=True))

@@ -8,32 +8,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, model_validator
 
-from warpsim.config.fields import Number, Positive, Switch, closed_interval, rule_error
+from warpsim.config.fields import Interval, Number, Positive, Switch, closed_interval
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.orbit.earth import earth_clearance_m, grazing_altitude_m
-from warpsim.orbit.eclipse import sunlit_depth
+from warpsim.orbit.sun import sunlit_depth
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 
-def _fraction(value: float) -> float:
-    if not 0.0 < value <= 1.0:
-        raise rule_error("must be in (0, 1]")
-    return value
-
-
 Elevation = Annotated[Number, closed_interval(-90, 90)]
 HalfTurn = Annotated[Number, closed_interval(0, 180)]
-Fraction = Annotated[Number, AfterValidator(_fraction)]
+Fraction = Annotated[Number, AfterValidator(Interval(0, 1, open_low=True))]
 
 
 @config_model
@@ -195,7 +189,7 @@ class Constraint(NamedTuple):
 
 
 # By field: the margin's name, and the margin for a limit; the costly ones last.
-_BUILT_IN: dict[str, tuple[str, Callable[[AccessGeometry, float], F64]]] = {
+_BUILT_IN: dict[str, tuple[str, Callable[..., F64]]] = {
     "max_range_km": ("range_km", lambda view, limit: limit - 1e-3 * view.range_m),
     "min_range_km": ("min_range_km", lambda view, limit: 1e-3 * view.range_m - limit),
     "min_elevation_deg": ("elevation_deg", lambda view, limit: view.elevation_deg - limit),
@@ -207,7 +201,7 @@ _BUILT_IN: dict[str, tuple[str, Callable[[AccessGeometry, float], F64]]] = {
         lambda view, limit: 1e-3 * view.background_altitude_m - limit,
     ),
     "min_target_sunlit": ("target_sunlit", lambda view, limit: view.target_sunlit_depth - limit),
-    "in_fov": ("fov_deg", lambda view, _: view.frame_margin_deg),
+    "in_fov": ("fov_deg", lambda view, limit: view.frame_margin_deg),
 }
 
 MARGIN_NAMES = ("earth_km", *(name for name, _ in _BUILT_IN.values()))
@@ -222,7 +216,7 @@ def active_constraints(
     for field, (name, margin) in _BUILT_IN.items():
         limit = getattr(constraints, field)
         if limit is not None and limit is not False:
-            active.append(Constraint(name, _limited(margin, float(limit))))
+            active.append(Constraint(name, partial(margin, limit=float(limit))))
     if custom is not None and not isinstance(custom, Mapping):
         raise InputError(f"must be a dict of names and functions, got {type(custom).__name__}", "custom")
     for name, function in (custom or {}).items():
@@ -234,12 +228,7 @@ def active_constraints(
     return active
 
 
-def _limited(margin: Callable[[AccessGeometry, float], F64], limit: float) -> MarginFunction:
-    return lambda view: margin(view, limit)
-
-
 def _checked(name: str, function: MarginFunction) -> MarginFunction:
-    """A custom constraint with a check of its result."""
 
     def margin(view: AccessGeometry) -> F64:
         got = np.asarray(function(view))

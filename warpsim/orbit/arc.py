@@ -19,9 +19,10 @@ from pydantic import BeforeValidator, model_validator
 from warpsim.config.fields import Number, Positive, closed_interval, rule_error
 from warpsim.config.model import config_model
 from warpsim.constants import DAY_S, EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
+from warpsim.exchange.geodetic import geodetic_to_itrs_m
 from warpsim.instant import Instant, instant, instant_of, years_ahead
-from warpsim.orbit.earth import geodetic_altitude_m, geodetic_to_gcrs_m, geodetic_to_itrs_m, pole_of_date
+from warpsim.orbit.earth import geodetic_altitude_m, geodetic_to_gcrs_m, pole_of_date
 from warpsim.orbit.elements import LARGEST_SPEED_M_S, entries
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.two_body import lambert
@@ -67,7 +68,7 @@ UtcText = Annotated[str, BeforeValidator(_utc_text)]
 
 @config_model
 class BallisticArc:
-    """Free flight between two geodetic points; solved once for an epoch, on first use.
+    """Free flight between two geodetic points; solved on first use, and once for an epoch.
 
     Times count from the epoch, at which the flight starts; states outside [0, duration_s] continue the free flight.
     """
@@ -99,13 +100,18 @@ class BallisticArc:
             raise InputError(f"must be at most {LONGEST_ARC_S:.0f} (31 days)", "duration_s", self.duration_s, ".9g")
         return self
 
-    def flight(self, epoch: Epoch | None = None) -> Flight:
-        """Return the flight that starts at an epoch: if none is given, the arc's own or the default one.
+    @functools.cached_property
+    def epoch(self) -> Instant:
+        """The instant of time 0."""
+        return instant(self.epoch_utc or DEFAULT_EPOCH_UTC)
+
+    def flight(self, epoch: Epoch | None = None) -> BallisticArc:
+        """Return the arc that starts at an epoch, its own if none is given: the same object for equal arcs.
 
         Raises:
             InputError: The arc states another epoch.
         """
-        own = start = instant(self.epoch_utc or DEFAULT_EPOCH_UTC)
+        own = start = self.epoch
         if epoch is not None:
             with years_ahead():
                 start = epoch if isinstance(epoch, Instant) else instant_of(epoch)
@@ -115,79 +121,12 @@ class BallisticArc:
             raise InputError(rule, "epoch_utc", self.epoch_utc)
         return _flight_of(replace(self, epoch_utc=None), start)
 
-    @property
-    def end_points_m(self) -> tuple[F64, F64]:
-        """Start and end points [m], GCRS axes, each (3,), Earth rotation included."""
-        return self.flight().end_points_m
-
-    @property
-    def pole_icrs(self) -> F64:
-        """Unit vector of the pole that J2 acts about, shape (3,)."""
-        return self.flight().pole_icrs
-
-    @property
-    def start_velocity_m_s(self) -> F64:
-        """Velocity at time 0 [m/s], GCRS axes, shape (3,).
-
-        Raises:
-            InputError: When the ends are 180 degrees apart, the flight would pass through the Earth (duration too
-                short or too long for free flight), start faster than 1e6 m/s, or the shooting does not converge.
-        """
-        return self.flight().start_velocity_m_s
-
-    def state(self, time_s: ArrayLike) -> tuple[F64, F64]:
-        """Return position [m] and velocity [m/s], GCRS axes, each of the shape of time_s plus (3,).
-
-        Args:
-            time_s: Times [s since the epoch], any shape and order, also before 0 and after duration_s.
-        """
-        return self.flight().state(time_s)
-
-    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
-        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3), of the flight from that epoch.
-
-        Raises:
-            InputError: The arc states another epoch, or as `start_velocity_m_s`.
-        """
-        position, velocity = self.flight(epoch).state(np.asarray(time_s, np.float64))
-        return position[:, None], velocity[:, None]
-
-    def position_m(self, time_s: ArrayLike) -> F64:
-        """Return positions [m], GCRS axes, of the shape of time_s plus (3,)."""
-        return self.state(time_s)[0]
-
-    @property
-    def apogee_altitude_km(self) -> float:
-        """Largest height of the flight above the equatorial radius, 6378.137 km (the paper: 825.45)."""
-        return self.flight().apogee_altitude_km
-
-    @property
-    def start_speed_m_s(self) -> float:
-        """Speed at time 0 [m/s], inertial."""
-        return self.flight().start_speed_m_s
-
-    @property
-    def range_angle_deg(self) -> float:
-        """Angle at the Earth's centre between the inertial end points [deg]."""
-        return self.flight().range_angle_deg
-
-
-class Flight:
-    """A flight that starts at an epoch; its start velocity is solved for on first use, and then kept.
-
-    Times count from the epoch; states outside [0, duration_s] continue the free flight;
-    `BallisticArc.flight` makes one.
-    """
-
-    def __init__(self, arc: BallisticArc, epoch: Instant) -> None:
-        self.arc, self.epoch = arc, epoch
-
     @functools.cached_property
     def end_points_m(self) -> tuple[F64, F64]:
         """Start and end points [m], GCRS axes, each (3,), Earth rotation included."""
-        lon, lat = np.transpose([self.arc.start_lon_lat_deg, self.arc.end_lon_lat_deg])
-        times_s = np.array([0.0, self.arc.duration_s])
-        ends = geodetic_to_gcrs_m(lon, lat, 1e3 * self.arc.endpoint_altitude_km, self.epoch, times_s)
+        lon, lat = np.transpose([self.start_lon_lat_deg, self.end_lon_lat_deg])
+        times_s = np.array([0.0, self.duration_s])
+        ends = geodetic_to_gcrs_m(lon, lat, 1e3 * self.endpoint_altitude_km, self.epoch, times_s)
         ends.setflags(write=False)  # callers share them
         return ends[0], ends[1]
 
@@ -198,33 +137,36 @@ class Flight:
 
     @functools.cached_property
     def start_velocity_m_s(self) -> F64:
-        """Velocity at time 0 [m/s], GCRS axes, shape (3,)."""
+        """Velocity at time 0 [m/s], GCRS axes, shape (3,).
+
+        Raises:
+            InputError: When the ends are 180 degrees apart, the flight would pass through the Earth (duration too
+                short or too long for free flight), start faster than 1e6 m/s, or the shooting does not converge.
+        """
         start, end = self.end_points_m
-        duration_s = self.arc.duration_s
-        try:
+        duration_s = self.duration_s
+        with errors_at("", f"no arc between the end points in {duration_s:g} s"):
             velocity, _ = lambert(start, end, duration_s)
-        except InputError as error:
-            raise error.of(f"no arc between the end points in {duration_s:g} s") from None
         self._check_above_ground(start, velocity)
         if (speed_m_s := float(np.linalg.norm(velocity))) > LARGEST_SPEED_M_S:
             rule = f"gives a start speed of {speed_m_s:.3g} m/s, must be at most {LARGEST_SPEED_M_S:g} m/s"
             raise InputError(f"{duration_s:g} s {rule}", "duration_s")
-        solved = velocity if self.arc.gravity == "two_body" else self._shoot(start, end, velocity)
+        solved = velocity if self.gravity == "two_body" else self._shoot(start, end, velocity)
         solved.setflags(write=False)
         return solved
 
     def _check_above_ground(self, start: F64, velocity: F64) -> None:
         """Refuse conics through the Earth; the two-body one decides, as J2 moves it by kilometres at most."""
-        duration_s = self.arc.duration_s
+        duration_s = self.duration_s
         times_s = np.linspace(0.0, duration_s, min(max(65, math.ceil(duration_s / _SAMPLE_S) + 1), _MOST_SAMPLES))
         path = propagate(start[None], velocity[None], times_s, "two_body", self.pole_icrs)[0][:, 0]
         lowest_km = float(geodetic_altitude_m(path, self.pole_icrs).min()) / 1e3
-        if lowest_km < min(self.arc.endpoint_altitude_km, 0.0) - _GROUND_SLACK_KM:
+        if lowest_km < min(self.endpoint_altitude_km, 0.0) - _GROUND_SLACK_KM:
             raise InputError(f"{duration_s:g} s gives a flight {-lowest_km:.0f} km below the ground", "duration_s")
 
     def _shoot(self, start: F64, end: F64, velocity: F64) -> F64:
         """Newton on the start velocity; the derivative comes from three nudged paths flown beside the nominal one."""
-        gravity, duration_s = self.arc.gravity, np.array([self.arc.duration_s])
+        gravity, duration_s = self.gravity, np.array([self.duration_s])
         nudges = np.vstack([np.zeros(3), _NUDGE_M_S * np.eye(3)])
         miss_m = math.inf
         for _ in range(12):
@@ -239,16 +181,33 @@ class Flight:
         raise InputError(f"the arc does not converge on its end point, last miss {miss_m:.3g} m")
 
     def state(self, time_s: ArrayLike) -> tuple[F64, F64]:
-        """Return position [m] and velocity [m/s], GCRS axes, each of the shape of time_s plus (3,)."""
+        """Return position [m] and velocity [m/s], GCRS axes, each of the shape of time_s plus (3,).
+
+        Args:
+            time_s: Times [s since the epoch], any shape and order, also before 0 and after duration_s.
+        """
         time = np.asarray(time_s, np.float64)
         start, velocity = self.end_points_m[0], self.start_velocity_m_s
-        states = propagate(start[None], velocity[None], time.ravel(), self.arc.gravity, self.pole_icrs)
+        states = propagate(start[None], velocity[None], time.ravel(), self.gravity, self.pole_icrs)
         return states[0].reshape(*time.shape, 3), states[1].reshape(*time.shape, 3)
+
+    def states(self, epoch: Epoch, time_s: ArrayLike) -> tuple[F64, F64]:
+        """Return positions [m] and velocities [m/s], GCRS axes, each (n_time, 1, 3), of the flight from that epoch.
+
+        Raises:
+            InputError: The arc states another epoch, or as `start_velocity_m_s`.
+        """
+        position, velocity = self.flight(epoch).state(np.asarray(time_s, np.float64))
+        return position[:, None], velocity[:, None]
+
+    def position_m(self, time_s: ArrayLike) -> F64:
+        """Return positions [m], GCRS axes, of the shape of time_s plus (3,)."""
+        return self.state(time_s)[0]
 
     @functools.cached_property
     def apogee_altitude_km(self) -> float:
         """Largest height of the flight above the equatorial radius, 6378.137 km (the paper: 825.45)."""
-        duration_s, gravity = self.arc.duration_s, self.arc.gravity
+        duration_s, gravity = self.duration_s, self.gravity
         times_s = np.linspace(0.0, duration_s, max(3, math.ceil(duration_s / _SAMPLE_S) + 1))
         position, velocity = self.state(times_s)
         radius = np.linalg.norm(position, axis=1)
@@ -276,6 +235,8 @@ class Flight:
 
 
 @functools.lru_cache(maxsize=256)
-def _flight_of(arc: BallisticArc, epoch: Instant) -> Flight:
-    """The flight that starts at an epoch, the same object for the same arc and epoch: it is solved once."""
-    return Flight(arc, epoch)
+def _flight_of(arc: BallisticArc, epoch: Instant) -> BallisticArc:
+    """The arc that starts at an epoch: it is solved once."""
+    flight = replace(arc)
+    flight.__dict__["epoch"] = epoch
+    return flight

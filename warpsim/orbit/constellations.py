@@ -7,6 +7,7 @@ velocities [m/s] in GCRS axes, (n_time, n_object, 3), with one object for an orb
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
@@ -15,19 +16,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
-from warpsim.config.fields import Group, Integer, Name, as_tuple, rule_error
+from warpsim.config.fields import Group, Name, as_tuple, rule_error
 from warpsim.config.model import TOO_DEEP, complete, config_model
 from warpsim.constants import EARTH_GM_M3_S2
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, pole_of_date
 from warpsim.orbit.element_catalog import LeftOut
 from warpsim.orbit.elements import KeplerOrbit, StateVector, state_to_elements
-from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
+from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites, Span
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.orbit.tle import TleOrbit, TleSatellites
 from warpsim.orbit.two_body import propagate_two_body
-from warpsim.orbit.walker import Pattern, Walker, below_planes, pattern_turns, satellite_names
+from warpsim.orbit.walker import Pattern, Phasing, Walker, pattern_turns, satellite_names
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
@@ -57,7 +58,7 @@ def states_of(
     propagator: Propagator,
     epoch: Epoch,
     time_s: ArrayLike,
-    within_s: tuple[float, float] | None = None,
+    within_s: Span | None = None,
     bodies: I64 | None = None,
 ) -> tuple[F64, F64]:
     """States of a propagator, of which only those within a span matter, if one is given.
@@ -80,7 +81,7 @@ MOST_SATELLITES = 100_000
 
 
 def _states_of_some(
-    propagator: Any, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None, bodies: I64
+    propagator: Any, epoch: Epoch, time_s: ArrayLike, within_s: Span | None, bodies: I64
 ) -> tuple[F64, F64]:
     """States of some of the objects of a propagator; the others are not propagated."""
     if isinstance(propagator, MixedConstellation):
@@ -139,21 +140,17 @@ class ListedSatellites:
         Raises:
             InputError: A satellite has no state at some time; the text begins with its name.
         """
-        return self._either(epoch, time_s, None)
+        return self.states_within(epoch, time_s, None)
 
-    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float]) -> tuple[F64, F64]:
+    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: Span | None) -> tuple[F64, F64]:
         """Return states as `states` does, of which only those within a span matter (`states_of`)."""
-        return self._either(epoch, time_s, within_s)
-
-    def _either(self, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float] | None) -> tuple[F64, F64]:
         try:
             return self._states(epoch, np.asarray(time_s, np.float64), within_s)
         except InputError:
             # One by one: the same error, with a name.
             return _side_by_side([(item.name, item.orbit) for item in self.satellites], epoch, time_s, within_s)
 
-    def _states(self, epoch: Epoch, times: F64, within_s: tuple[float, float] | None) -> tuple[F64, F64]:
-        """Propagate together the orbits of one kind, the others alone."""
+    def _states(self, epoch: Epoch, times: F64, within_s: Span | None) -> tuple[F64, F64]:
         position, velocity = (np.empty((len(times), len(self.satellites), 3)) for _ in range(2))
         together: dict[Gravity, tuple[list[int], list[tuple[F64, F64]]]] = {}
         for k, item in enumerate(self.satellites):
@@ -190,7 +187,7 @@ class SeedPattern:
     """P, orbital planes."""
     n_per_plane: Group
     """S, satellites per plane; T = P S."""
-    phasing: Integer = 0
+    phasing: Phasing = 0
     """F, in 0..P-1: a satellite is ahead of its neighbour one plane to the west by F / T of the period."""
     pattern: Pattern = "delta"
     """Nodes spread over 360 degrees ("delta") or 180 degrees ("star")."""
@@ -207,11 +204,6 @@ class SeedPattern:
         if planes is not None and planes * value > MOST_SATELLITES:
             raise rule_error(f"must give at most {MOST_SATELLITES} satellites in {planes} planes")
         return value
-
-    @field_validator("phasing")
-    @classmethod
-    def _below_planes(cls, value: int, info: ValidationInfo) -> int:
-        return below_planes(value, info)
 
     @property
     def names(self) -> list[str]:
@@ -230,21 +222,17 @@ class SeedPattern:
         Raises:
             InputError: The seed has no state at the epoch, or its orbit is not closed.
         """
-        try:
+        with errors_at("seed"):
             seed_m, seed_m_s = (x[0] for x in self.seed.states(epoch, np.zeros(1)))  # (1, 3)
-        except InputError as error:
-            raise error.within("seed") from None
         try:
             conic = state_to_elements(seed_m[0], seed_m_s[0])
         except InputError:
             raise InputError("must be on a closed orbit, along which it can be copied", "seed") from None
         perigee_m = float(conic.semi_major_axis_m * (1.0 - conic.eccentricity))
         if perigee_m < EARTH_POLAR_RADIUS_M:
-            raise InputError(
-                "its whole orbit must be above the Earth's surface, as copies are spread along it, got a perigee "
-                f"{(EARTH_POLAR_RADIUS_M - perigee_m) / 1e3:.0f} km below",
-                "seed",
-            )
+            below_km = (EARTH_POLAR_RADIUS_M - perigee_m) / 1e3
+            rule = "its whole orbit must be above the Earth's surface, as copies are spread along it"
+            raise InputError(f"{rule}, got a perigee {below_km:.0f} km below", "seed")
         period_s = 2.0 * np.pi * np.sqrt(float(conic.semi_major_axis_m) ** 3 / EARTH_GM_M3_S2)
         plane = np.repeat(np.arange(self.n_plane), self.n_per_plane)
         turns = pattern_turns(self.n_plane, self.n_per_plane, self.phasing)
@@ -312,9 +300,9 @@ class MixedConstellation:
         Raises:
             InputError: A part has no states at some time.
         """
-        return _side_by_side([("", item) for item in self.parts], epoch, time_s)
+        return self.states_within(epoch, time_s, None)
 
-    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: tuple[float, float]) -> tuple[F64, F64]:
+    def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: Span | None) -> tuple[F64, F64]:
         """Return states as `states` does, of which only those within a span matter (`states_of`)."""
         return _side_by_side([("", item) for item in self.parts], epoch, time_s, within_s)
 
@@ -365,8 +353,7 @@ def _check_names(field: str, names: Sequence[str], at_least: int = 1) -> None:
     if len(names) < at_least:
         raise InputError("must hold at least one satellite", field)
     if len(set(names)) != len(names):
-        seen: set[str] = set()
-        twice = next(name for name in names if name in seen or seen.add(name))  # type: ignore[func-returns-value]
+        twice = next(name for name, count in Counter(names).items() if count > 1)
         raise InputError(f"names must be unique, got {twice} twice (patterns take a prefix)", field)
 
 
@@ -374,7 +361,7 @@ def _side_by_side(
     members: Sequence[tuple[str, Propagator]],
     epoch: Epoch,
     time_s: ArrayLike,
-    within_s: tuple[float, float] | None = None,
+    within_s: Span | None = None,
     bodies: I64 | None = None,
 ) -> tuple[F64, F64]:
     """States of several propagators along the axis of objects: of all objects, or of those of some numbers."""
@@ -388,10 +375,8 @@ def _side_by_side(
             first += n_object
             if not len(own):
                 continue
-        try:
+        with errors_at("", name):
             position, velocity = states_of(propagator, epoch, time_s, within_s, own)
-        except InputError as error:
-            raise error.of(name) from None
         positions.append(position)
         velocities.append(velocity)
     return np.concatenate(positions, axis=1), np.concatenate(velocities, axis=1)

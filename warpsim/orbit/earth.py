@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 from warpsim.errors import InputError
+from warpsim.exchange.geodetic import geodetic_to_itrs_m
 from warpsim.exchange.segments import FRAMES, AttitudeSegment
 from warpsim.instant import tt_jd
 from warpsim.quaternion import conjugate, from_matrix, in_one_hemisphere, product, rotated, unit
@@ -69,10 +70,10 @@ def itrs_to_gcrs(epoch: Epoch, time_s: ArrayLike) -> F64:
     """Return rotations from Earth-fixed (ITRS) to GCRS axes at times of any shape, with (3, 3) added."""
     from skyfield.framelib import itrs
 
-    return skyfield_to_gcrs(itrs.rotation_at, epoch, time_s)
+    return _skyfield_to_gcrs(itrs.rotation_at, epoch, time_s)
 
 
-def skyfield_to_gcrs(rotation_at: Callable[[Any], Any], epoch: Epoch, time_s: ArrayLike) -> F64:
+def _skyfield_to_gcrs(rotation_at: Callable[[Any], Any], epoch: Epoch, time_s: ArrayLike) -> F64:
     """Return rotations from one of skyfield's frames to GCRS axes at times of any shape, with (3, 3) added.
 
     `rotation_at` leads from skyfield's Time, an array of n, to rotations from GCRS to the frame, (3, 3, n).
@@ -91,15 +92,6 @@ def pole_of_date(epoch: Epoch) -> F64:
     """Return the unit vector of the true celestial pole at the epoch in GCRS axes, shape (3,)."""
     whole, fraction = tt_jd(epoch, 0.0)
     return np.array(timescale().tt_jd(whole, float(fraction)).M[2], np.float64)
-
-
-def geodetic_to_itrs_m(lon_deg: ArrayLike, lat_deg: ArrayLike, altitude_m: ArrayLike) -> F64:
-    """Return Earth-fixed positions [m] of WGS84 geodetic coordinates, broadcast shape plus (3,)."""
-    lon, lat, altitude = np.broadcast_arrays(np.radians(lon_deg), np.radians(lat_deg), np.asarray(altitude_m, float))
-    normal = EARTH_EQUATORIAL_RADIUS_M / np.sqrt(1.0 - _ECCENTRICITY_SQUARED * np.sin(lat) ** 2)
-    across = (normal + altitude) * np.cos(lat)
-    along = (normal * (1.0 - _ECCENTRICITY_SQUARED) + altitude) * np.sin(lat)
-    return np.stack([across * np.cos(lon), across * np.sin(lon), along], axis=-1)
 
 
 def geodetic_to_gcrs_m(
@@ -165,15 +157,10 @@ def grazing_altitude_m(start_m: ArrayLike, end_m: ArrayLike, pole_icrs: ArrayLik
     slope (geodetic normal times direction) from the point nearest the centre in stretched axes, where the ellipsoid is
     a sphere. Error below 1e-6 m for lines above the surface. For lines that pass through the Earth the sign is right.
     """
-    a, b, pole = (np.asarray(x, np.float64) for x in (start_m, end_m, pole_icrs))
-    path = b - a
-    last = np.inf if beyond else 1.0
     # All that matters is the meridian half-plane: distance from the axis squared is a quadratic along the segment.
-    a_up, path_up = a @ pole, path @ pole
-    a_square = np.einsum("...i,...i->...", a, a) - a_up**2
-    path_square = np.einsum("...i,...i->...", path, path)
-    path_out_square = path_square - path_up**2
-    mixed = np.einsum("...i,...i->...", a, path) - a_up * path_up
+    a_up, path_up, square, mixed, path_square = _along(start_m, end_m, pole_icrs)
+    a_square, path_out_square, mixed = square - a_up**2, path_square - path_up**2, mixed - a_up * path_up
+    last = np.inf if beyond else 1.0
     stretch = _STRETCH**2
     s = -(mixed + stretch * a_up * path_up) / np.maximum(path_out_square + stretch * path_up**2, 1e-30)
     s = np.clip(s, 0.0, last)
@@ -195,16 +182,21 @@ def earth_clearance_m(start_m: ArrayLike, end_m: ArrayLike, pole_icrs: ArrayLike
 
     Lowest height above the sphere that the ellipsoid becomes in axes stretched along the pole: several times cheaper.
     """
-    a, b, pole = (np.asarray(x, np.float64) for x in (start_m, end_m, pole_icrs))
-    path = b - a
-    a_up, path_up = a @ pole, path @ pole
+    a_up, path_up, square, mixed, path_square = _along(start_m, end_m, pole_icrs)
     more = _STRETCH**2 - 1.0
-    a_square = np.einsum("...i,...i->...", a, a) + more * a_up**2
-    path_square = np.einsum("...i,...i->...", path, path) + more * path_up**2
-    mixed = np.einsum("...i,...i->...", a, path) + more * a_up * path_up
+    a_square, path_square = square + more * a_up**2, path_square + more * path_up**2
+    mixed = mixed + more * a_up * path_up
     s = np.clip(-mixed / np.maximum(path_square, 1e-30), 0.0, np.inf if beyond else 1.0)
     radius_m = np.sqrt(np.maximum(a_square + s * (2.0 * mixed + s * path_square), 0.0))
     return np.asarray(radius_m - EARTH_EQUATORIAL_RADIUS_M)
+
+
+def _along(start_m: ArrayLike, end_m: ArrayLike, pole_icrs: ArrayLike) -> tuple[F64, F64, F64, F64, F64]:
+    """Parts of a start and of the path from it along the pole, and the products start², start·path and path²."""
+    start, end, pole = (np.asarray(x, np.float64) for x in (start_m, end_m, pole_icrs))
+    path = end - start
+    products = (np.einsum("...i,...i->...", *pair) for pair in ((start, start), (start, path), (path, path)))
+    return start @ pole, path @ pole, *products
 
 
 def frame_to_gcrs(frame: str, epoch: Epoch, time_s: ArrayLike) -> F64:
@@ -212,19 +204,17 @@ def frame_to_gcrs(frame: str, epoch: Epoch, time_s: ArrayLike) -> F64:
     from skyfield import framelib, sgp4lib
 
     times = np.asarray(time_s, np.float64)
-    if frame == "GCRF":
-        return np.broadcast_to(np.eye(3), (len(times), 3, 3))
-    if frame == "EME2000":
-        return np.broadcast_to(eme2000_to_gcrs(), (len(times), 3, 3))
-    if frame == "ITRF":
-        return itrs_to_gcrs(epoch, times)
-    if frame == "TEME":
-        return skyfield_to_gcrs(sgp4lib.TEME.rotation_at, epoch, times)
-    if frame == "TOD":
-        return skyfield_to_gcrs(lambda t: t.M, epoch, times)
-    if frame == "MOD":
-        return skyfield_to_gcrs(framelib.mean_equator_and_equinox_of_date.rotation_at, epoch, times)
-    raise InputError(f"must be one of {', '.join(FRAMES)}", "frame", frame)
+    if frame in ("GCRF", "EME2000"):
+        return np.broadcast_to(np.eye(3) if frame == "GCRF" else eme2000_to_gcrs(), (len(times), 3, 3))
+    turning: dict[str, Callable[[Any], Any]] = {
+        "ITRF": framelib.itrs.rotation_at,
+        "TEME": sgp4lib.TEME.rotation_at,
+        "TOD": lambda t: t.M,
+        "MOD": framelib.mean_equator_and_equinox_of_date.rotation_at,
+    }
+    if frame not in turning:
+        raise InputError(f"must be one of {', '.join(FRAMES)}", "frame", frame)
+    return _skyfield_to_gcrs(turning[frame], epoch, times)
 
 
 def states_to_gcrs(frame: str, epoch: Epoch, time_s: F64, position_m: F64, velocity_m_s: F64) -> tuple[F64, F64]:

@@ -45,8 +45,8 @@ class Catalog:
 
     satellites: tuple[Satellite, ...]
     left_out: tuple[LeftOut, ...]
-    n_set: int
-    """Sets of the source, valid or not."""
+    skips: bool
+    """Whether what is not valid is left out, and no error."""
     unmatched: tuple[str, ...] = ()
     """What `exclude` names that is not there."""
 
@@ -90,13 +90,13 @@ def read_catalog(
         left_out = []
     found = []
     for index in sorted(kept):
-        satellite = _parsed(objects[index], of_source, skips, left_out)
+        satellite = _parsed(objects[index], of_source, left_out if skips else None)
         found += [satellite] if satellite.sets else []
     if not found:
         first = f" ({left_out[0].location}: {left_out[0].reason})" if left_out else ""
         raise of_source(InputError(f"must leave an element set, got none of {len(records)}{first}"))
     unmatched = (pattern for pattern, some in zip(exclude, excluded, strict=True) if not some)
-    return Catalog(tuple(found), tuple(left_out), len(records), tuple(unmatched))
+    return Catalog(tuple(found), tuple(left_out), skips, tuple(unmatched))
 
 
 def choose_one(records: Sequence[ElementRecord], of_source: OfSource, name: str | None) -> Catalog:
@@ -109,27 +109,27 @@ def choose_one(records: Sequence[ElementRecord], of_source: OfSource, name: str 
     """
     if name is None:
         for record in records:
-            _ = _parsed(_Object("", [record]), of_source, False, [])
+            _ = _parsed(_Object("", [record]), of_source)
     objects, left_out = _named(records, of_source, skips=name is not None)
     chosen = range(len(objects)) if name is None else sorted(_some_matches(objects, name, "object"))
     if len(chosen) > 1:
         names = ", ".join(objects[index].name for index in chosen[:3]) + (", ..." if len(chosen) > 3 else "")
         raise InputError(f"must choose one of {len(chosen)} objects ({names})", "object", name)
     item, left_out = objects[chosen[0]], []
-    satellite = _parsed(item, of_source, len(item.records) > 1, left_out)
+    satellite = _parsed(item, of_source, left_out)
     if not satellite.sets:
-        _ = _parsed(item, of_source, False, [])
-    return Catalog((satellite,), tuple(left_out), len(records))
+        _ = _parsed(item, of_source)
+    return Catalog((satellite,), tuple(left_out), skips=True)
 
 
-def _parsed(item: _Object, of_source: OfSource, skips: bool, left_out: list[LeftOut]) -> Satellite:
-    """An object with its valid sets; the others go to `left_out`."""
+def _parsed(item: _Object, of_source: OfSource, left_out: list[LeftOut] | None = None) -> Satellite:
+    """An object with its valid sets; the others go to `left_out`, or are an error without it."""
     sets = []
     for record in item.records:
         try:
             sets.append(record.parse())
         except InputError as error:
-            if not skips:
+            if left_out is None:
                 raise of_source(error) from None
             left_out.append(_left_out(item.name, record, error))
     return Satellite(item.name, tuple(sets))
@@ -162,7 +162,7 @@ def _named(records: Iterable[ElementRecord], of_source: OfSource, skips: bool) -
             objects[name] = _Object(name, group)
             continue
         one = group[0]
-        satellite = _parsed(_Object(name, group), of_source, skips, left_out)
+        satellite = _parsed(_Object(name, group), of_source, left_out if skips else None)
         if satellite.sets:
             error = InputError(f"name must be unique, got {name} twice")
             if not skips:
@@ -172,7 +172,6 @@ def _named(records: Iterable[ElementRecord], of_source: OfSource, skips: bool) -
 
 
 def _identifier(item: ElementRecord) -> str:
-    """Identifier that distinguishes objects of one name."""
     known = item.designator if item.norad_id is None else f"{item.norad_id:05d}"
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", known)
 

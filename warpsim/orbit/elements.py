@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
 from warpsim.config.fields import Number, Positive, Vector, closed_interval
-from warpsim.config.model import config_model
+from warpsim.config.model import config_model, exactly_one
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
 from warpsim.errors import InputError
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, pole_of_date
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 F64 = NDArray[np.float64]
 
 _MAX_ECCENTRICITY = 0.999
+"""Beyond, a float64 perigee loses more than three digits; a state vector loses none."""
 
 LARGEST_SPEED_M_S = 1e6
 """Of a state: no body near the Earth is faster, and faster ones ask for ever shorter node steps."""
-"""Beyond, a float64 perigee loses more than three digits; a state vector loses none."""
 
 
 class Elements(NamedTuple):
@@ -229,16 +229,10 @@ class KeplerOrbit:
 
     @model_validator(mode="after")
     def _consistent(self) -> KeplerOrbit:
-        sizes = (self.altitude_km, self.perigee_altitude_km, self.semi_major_axis_km)
-        if sum(size is not None for size in sizes) != 1:
-            raise InputError("exactly one must be given", "altitude_km, perigee_altitude_km, semi_major_axis_km")
+        exactly_one(self, "altitude_km", "perigee_altitude_km", "semi_major_axis_km")
         if self.altitude_km is not None and self.eccentricity:
-            raise InputError(
-                "is that of a circular orbit; with an eccentricity, give perigee_altitude_km",
-                "altitude_km",
-                self.altitude_km,
-                "g",
-            )
+            rule = "is that of a circular orbit; with an eccentricity, give perigee_altitude_km"
+            raise InputError(rule, "altitude_km", self.altitude_km, "g")
         if self.mean_anomaly_deg is not None and self.true_anomaly_deg is not None:
             raise InputError("at most one may be given", "mean_anomaly_deg, true_anomaly_deg")
         if not 0.0 < self.semi_major_axis_m < 1e12:
@@ -287,8 +281,6 @@ def _check_radius(field: str, position_m: F64) -> None:
     """Refuse states inside the Earth: most often metres and kilometres are mixed up."""
     radius_km = float(np.linalg.norm(position_m)) / 1e3
     if radius_km < EARTH_POLAR_RADIUS_M / 1e3:
-        raise InputError(
-            f"must start above the Earth's surface, at least {EARTH_POLAR_RADIUS_M / 1e3:.3f} km from its centre, got "
-            f"{radius_km:g} km",
-            field,
-        )
+        least_km = EARTH_POLAR_RADIUS_M / 1e3
+        rule = f"must start above the Earth's surface, at least {least_km:.3f} km from its centre, got {radius_km:g} km"
+        raise InputError(rule, field)

@@ -33,6 +33,7 @@ from warpsim.exchange.source import SourceFile, read_source
 from warpsim.orbit.earth import pole_of_date, states_to_gcrs
 from warpsim.orbit.gravity import propagate
 from warpsim.orbit.track import interpolate, sampling_error
+from warpsim.tables.text import unlike
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
@@ -81,7 +82,7 @@ class _FileMotion:
     @cached_property
     def names(self) -> list[str]:
         """Names of the objects, in the order of the files: letters, digits, `_ . -`, unique."""
-        return unique_names(path.name for path in self._all)
+        return unlike(plain_name(path.name) for path in self._all)
 
     def span_s(self, epoch: Epoch) -> tuple[float, float]:
         """First and last time that all objects have in common [s since epoch]."""
@@ -103,7 +104,7 @@ class _FileMotion:
         Raises:
             InputError: A time is farther than 60 s from an object's span, or in a gap between its segments.
         """
-        return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame)
+        return _states(self._all, epoch, time_s, self.frame)
 
     def states_within(self, epoch: Epoch, time_s: ArrayLike, within_s: Span) -> tuple[F64, F64]:
         """Return states as `states` does; before and after `within_s` the motion goes on, in free flight if need be.
@@ -117,7 +118,7 @@ class _FileMotion:
         Raises:
             InputError: As `states`, for times within the span.
         """
-        return _states(self._all, epoch, np.asarray(time_s, np.float64), self.frame, within_s)
+        return _states(self._all, epoch, time_s, self.frame, within_s)
 
     def notes(self, epoch: Epoch, duration_s: float) -> list[str]:
         """Return warnings, one per object: rows so far apart that positions between them are off by a metre or more.
@@ -328,20 +329,8 @@ def _paths(segments: Sequence[EphemerisSegment]) -> list[_Path]:
     return paths
 
 
-def unique_names(names: Iterable[str]) -> list[str]:
-    """Plain names; one that comes again gets `_2`, `_3`, ..."""
-    result: list[str] = []
-    for name in map(plain_name, names):
-        number, candidate = 1, name
-        while candidate in result:
-            number += 1
-            candidate = f"{name}_{number}"
-        result.append(candidate)
-    return result
-
-
 def _states(
-    paths: Sequence[_Path], epoch: Epoch, time_s: F64, frame: Frame | None, within_s: Span | None = None
+    paths: Sequence[_Path], epoch: Epoch, time_s: ArrayLike, frame: Frame | None, within_s: Span | None = None
 ) -> tuple[F64, F64]:
     """States of objects in GCRS axes, (n_time, n_object, 3) each."""
     times = np.atleast_1d(np.asarray(time_s, np.float64))

@@ -14,10 +14,10 @@ A segment is right when its last Chebyshev coefficients vanish in rounding; wher
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebint
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2, EARTH_J2, EARTH_J3, EARTH_J4
@@ -34,9 +34,6 @@ _LOWEST_RADIUS_M = 0.5 * EARTH_EQUATORIAL_RADIUS_M
 
 _PATHS_PER_CHUNK = 256  # integrated side by side: their nodes stay in the processor's cache
 
-AccelerationFunction = Callable[[F64], F64]
-"""position_m (..., 3, n) -> acceleration_m_s2 of the same shape: components stand before paths."""
-
 DEGREE = 20
 """Of the polynomials: one more than this many nodes per segment."""
 
@@ -48,14 +45,6 @@ _N_ITERATION = 40
 _SHORTEST_S = 1e-3
 
 
-class NoPathError(Exception):
-    """A path comes too close to the centre at about `time_s`."""
-
-    def __init__(self, time_s: float) -> None:
-        super().__init__(f"no path from {time_s:g} s on")
-        self.time_s = time_s
-
-
 @functools.cache
 def _matrices() -> tuple[F64, F64, F64]:
     """Chebyshev nodes in [-1, 1] ascending; values at nodes -> coefficients; values -> integral from -1, at nodes."""
@@ -64,39 +53,21 @@ def _matrices() -> tuple[F64, F64, F64]:
     values = np.cos(np.outer(np.pi - np.pi * k / DEGREE, k))  # T_k at the nodes
     weight = np.where((k == 0) | (k == DEGREE), 0.5, 1.0)
     to_coefficients = (2.0 / DEGREE) * weight[:, None] * values.T * weight[None, :]
-    # The integral of T_k is T_{k+1} / (2k + 2) - T_{k-1} / (2k - 2), that of T_1 is T_2 / 4.
-    integral = np.zeros((DEGREE + 2, DEGREE + 1))
-    integral[1, 0] = 1.0
-    integral[2, 1] = 0.25
-    for degree in range(2, DEGREE + 1):
-        integral[degree + 1, degree] = 0.5 / (degree + 1)
-        integral[degree - 1, degree] = -0.5 / (degree - 1)
     higher = np.cos(np.outer(np.pi - np.pi * k / DEGREE, np.arange(DEGREE + 2)))
     from_start = higher - higher[0]
-    return node, to_coefficients, from_start @ integral @ to_coefficients
+    return node, to_coefficients, from_start @ chebint(np.eye(DEGREE + 1)) @ to_coefficients
 
 
-def integrate(
-    acceleration: AccelerationFunction,
-    position_m: F64,
-    velocity_m_s: F64,
-    time_s: F64,
-    rate_rad_s: float,
-    lowest_m: float,
+def _integrate(
+    position_m: F64, velocity_m_s: F64, time_s: F64, zonal: tuple[float, ...], state_time_s: float
 ) -> tuple[F64, F64]:
-    """Integrate paths (3, n) [m], [m/s] from time 0 to each of the times (m,) of one sign, ascending; each (m, 3, n).
+    """Integrate paths (3, n) in axes whose z is the pole from time 0 to times (m,) of one sign, ascending in magnitude.
 
-    At any time the result is the same whatever others are asked for, but for rounding.
-
-    Args:
-        acceleration: The force per mass.
-        position_m: At time 0.
-        velocity_m_s: At time 0.
-        time_s: Times [s].
-        rate_rad_s: Fastest angular rate at time 0, for the length of the first segment.
-        lowest_m: Paths must stay this far from the centre, or NoPathError is raised.
+    Each (m, 3, n). At any time the result is the same whatever others are asked for, but for rounding.
     """
     positions, velocities = np.empty((len(time_s), *position_m.shape)), np.empty((len(time_s), *position_m.shape))
+    distance, speed = np.linalg.norm(position_m, axis=0), np.linalg.norm(velocity_m_s, axis=0)
+    rate_rad_s = float(np.max(np.maximum(speed / distance, np.sqrt(EARTH_GM_M3_S2 / distance**3))))  # of the fastest
     end_s = float(time_s[-1])
     step_s = float(np.copysign(_FIRST_ANGLE / rate_rad_s, end_s))
     start_s, row = 0.0, int(np.searchsorted(np.abs(time_s), 0.0, side="right"))
@@ -104,15 +75,15 @@ def integrate(
     while row < len(time_s):
         stop_s = end_s if abs(step_s) >= abs(end_s - start_s) else start_s + step_s
         span_s = stop_s - start_s
-        segment = _segment(acceleration, position_m, velocity_m_s, span_s)
+        segment = _segment(position_m, velocity_m_s, span_s, zonal)
         if segment is None:
             step_s = 0.5 * span_s
             if not abs(step_s) >= _SHORTEST_S:  # NaN is too short too
-                raise NoPathError(start_s)
+                raise _no_path(state_time_s + start_s)
             continue
-        low = ~(np.linalg.norm(segment.position_m, axis=1).min(axis=1) >= lowest_m)  # NaN is low too
+        low = ~(np.linalg.norm(segment.position_m, axis=1).min(axis=1) >= _LOWEST_RADIUS_M)  # NaN is low too
         if low.any():
-            raise NoPathError(start_s + span_s * float(np.argmax(low)) / DEGREE)
+            raise _no_path(state_time_s + (start_s + span_s * float(np.argmax(low)) / DEGREE))
         # A time at the segment's end is its own: where the sum above rounds to the last time, nothing is left over.
         stop = int(np.searchsorted(np.abs(time_s), abs(stop_s), side="right"))
         if stop > row:
@@ -125,6 +96,11 @@ def integrate(
     return positions, velocities
 
 
+def _no_path(time_s: float) -> InputError:
+    rule = f"the path must stay above half the Earth's radius, but falls through it at {time_s:g} s"
+    return InputError(rule, "position_m")
+
+
 class _Segment(NamedTuple):
     """Paths over a span, at its nodes."""
 
@@ -135,7 +111,7 @@ class _Segment(NamedTuple):
     """Largest of the last two coefficients over the distance from the centre."""
 
 
-def _segment(acceleration: AccelerationFunction, position_m: F64, velocity_m_s: F64, span_s: float) -> _Segment | None:
+def _segment(position_m: F64, velocity_m_s: F64, span_s: float, zonal: tuple[float, ...]) -> _Segment | None:
     """Solve over a span; None when the iteration does not settle or the degree is too low."""
     node, to_coefficients, integral = _matrices()
     half = 0.5 * span_s
@@ -148,13 +124,13 @@ def _segment(acceleration: AccelerationFunction, position_m: F64, velocity_m_s: 
 
     # First guess: the circle with the acceleration of the start, good for satellites and better than a line for all.
     t = (half * (node + 1.0))[:, None, None]
-    pull = np.linalg.norm(acceleration(position_m), axis=0)
+    pull = np.linalg.norm(zonal_acceleration_m_s2(position_m, zonal), axis=0)
     rate = np.sqrt(pull / distance)
     position = position_m * np.cos(rate * t) + velocity_m_s / rate * np.sin(rate * t)
     before = np.inf
     with np.errstate(all="ignore"):  # a guess that runs away is seen below
         for _ in range(_N_ITERATION):
-            velocity = velocity_m_s + integrated(acceleration(position))
+            velocity = velocity_m_s + integrated(zonal_acceleration_m_s2(position, zonal))
             better = position_m + integrated(velocity)
             moved = float(np.max(np.abs(better - position) / distance))
             position = better
@@ -165,7 +141,7 @@ def _segment(acceleration: AccelerationFunction, position_m: F64, velocity_m_s: 
             before = moved
         else:
             return None
-        velocity = velocity_m_s + integrated(acceleration(position))
+        velocity = velocity_m_s + integrated(zonal_acceleration_m_s2(position, zonal))
     tail = (np.abs(to_coefficients[-2:] @ position.reshape(n_node, -1)).reshape(2, *shape) / distance).max()
     return _Segment(position, velocity, float(tail)) if tail <= _TAIL and np.isfinite(velocity).all() else None
 
@@ -236,30 +212,12 @@ def propagate(
             continue
         for first in range(0, len(r0), _PATHS_PER_CHUNK):
             paths = slice(first, first + _PATHS_PER_CHUNK)
-            states = _follow(axes @ r0[paths].T, axes @ v0[paths].T, times[order], _ZONAL[gravity], state_time_s)
+            states = _integrate(axes @ r0[paths].T, axes @ v0[paths].T, times[order], _ZONAL[gravity], state_time_s)
             for result, state in zip((position, velocity), states, strict=True):
                 result[order, paths] = np.swapaxes(state, 1, 2) @ axes
     now = times == 0.0  # to the last bit, which turning to the pole and back would lose
     position[now], velocity[now] = r0, v0
     return _finite(position, velocity, times, state_time_s)
-
-
-def _follow(r0: F64, v0: F64, times: F64, zonal: tuple[float, ...], state_time_s: float) -> tuple[F64, F64]:
-    """Paths in pole axes, (3, n) to (m, 3, n); times of one sign, ascending in magnitude."""
-
-    def acceleration(position_m: F64) -> F64:
-        return zonal_acceleration_m_s2(position_m, zonal)
-
-    distance, speed = np.linalg.norm(r0, axis=0), np.linalg.norm(v0, axis=0)
-    rate_rad_s = float(np.max(np.maximum(speed / distance, np.sqrt(EARTH_GM_M3_S2 / distance**3))))
-    try:
-        return integrate(acceleration, r0, v0, times, rate_rad_s, _LOWEST_RADIUS_M)
-    except NoPathError as error:
-        raise InputError(
-            "the path must stay above half the Earth's radius, but falls through it at "
-            f"{state_time_s + error.time_s:g} s",
-            "position_m",
-        ) from None
 
 
 def _finite(position_m: F64, velocity_m_s: F64, times: F64, state_time_s: float) -> tuple[F64, F64]:

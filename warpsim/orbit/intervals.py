@@ -226,11 +226,9 @@ class Intervals:
 
 def _where_many(some: Sequence[Intervals], least: int) -> Intervals:
     """Intervals in which at least so many hold; those of each do not overlap."""
-    start_row, end_row = (np.concatenate([np.empty(0, np.int64), *(one.row for one in some)]) for _ in range(2))
-    start_s = np.concatenate([np.empty(0), *(one.start_s for one in some)])
-    end_s = np.concatenate([np.empty(0), *(one.end_s for one in some)])
-    row, time_s = np.concatenate([start_row, end_row]), np.concatenate([start_s, end_s])
-    step = np.repeat([1, -1], len(start_row))
+    row = np.concatenate([np.empty(0, np.int64), *(one.row for one in some)] * 2)
+    time_s = np.concatenate([np.empty(0), *(one.start_s for one in some), *(one.end_s for one in some)])
+    step = np.repeat([1, -1], len(row) // 2)
     order = np.lexsort((-step, time_s, row))  # at one time, beginnings before ends
     row, time_s, step = row[order], time_s[order], step[order]
     count = np.cumsum(step)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -64,27 +65,6 @@ _TOGETHER = 256  # objects are cut into pieces of multiples of this: as free fli
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
-def choose_step_s(
-    state: StateFunction,
-    duration_s: float,
-    error_m: float = TRACK_ERROR_M,
-    counted_s: ArrayLike = ALWAYS_S,
-    longest_s: float = 3600.0,
-    shortest_s: float = SHORTEST_STEP_S,
-    names: Sequence[str] = (),
-) -> float:
-    """Return a node step [s] whose measured interpolation error over [0, duration_s] stays below error_m.
-
-    The error of smooth motion scales with the fourth power of the step; trials at intervals spread over the scene, and
-    never outside it, give the step. It divides the scene evenly, and aims at 80 % of the bound to leave room for what
-    is between the trials. Motion that is not smooth, as that of a table with few digits, may never come below error_m:
-    then the step is taken from where shorter ones stop to help. Meant for satellites and targets: the Sun's distance in
-    float64 is itself rounded to 0.03 mm, so its track takes the step of the others.
-    """
-    sampler = _Sampler(names, state, None, duration_s, error_m, counted_s)
-    return sampler.choose(None, longest_s, shortest_s)[0]
-
-
 def make_tracks(
     names: Sequence[str],
     state: StateFunction,
@@ -112,7 +92,7 @@ def make_tracks(
         InputError: A state is not finite, or no step keeps the error below 1 m: the motion is too rough, or the scene
             so long that the nodes would not fit into memory.
     """
-    sampler = _Sampler(names, state, some_states, duration_s, error_m, counted_s)
+    sampler = _Sampler(names, state, some_states, duration_s, error_m, np.asarray(counted_s, np.float64))
     left, found, room = np.arange(len(names)), dict[int, Track](), MOST_NODES
     least_s = SHARED_STEP_S
     while len(left):
@@ -123,44 +103,42 @@ def make_tracks(
     return [found[number] for number in range(len(names))]
 
 
+@dataclass(frozen=True, eq=False)
 class _Sampler:
     """Sampling of the objects of a scene, some of them at a time."""
 
-    def __init__(
-        self,
-        names: Sequence[str],
-        state: StateFunction,
-        some_states: SomeStatesFunction | None,
-        duration_s: float,
-        error_m: float,
-        counted_s: ArrayLike,
-    ) -> None:
-        self._names, self._state = names, state
-        self._some_states = some_states
-        self._duration_s, self._error_m, self._counted_s = duration_s, error_m, np.asarray(counted_s, np.float64)
+    names: Sequence[str]
+    state: StateFunction
+    some_states: SomeStatesFunction | None
+    duration_s: float
+    error_m: float
+    counted_s: F64
 
-    def choose(
-        self, bodies: I64 | None, longest_s: float, shortest_s: float, least_s: float = 0.0
-    ) -> tuple[float, I64 | None]:
-        """Choose the step of bodies, all if None; those that need less than least_s are left out."""
-        duration_s, bound_m = self._duration_s, 0.8 * self._error_m
+    def choose(self, bodies: I64, longest_s: float, shortest_s: float, least_s: float = 0.0) -> tuple[float, I64]:
+        """Choose a step for bodies that keeps the error between nodes small; those that need less than least_s go.
+
+        The error of smooth motion scales with the fourth power of the step; trials at intervals spread over the scene,
+        and never outside it, give the step. It divides the scene evenly, and aims at 80 % of the bound to leave room
+        for what is between the trials. Motion that is not smooth, as that of a table with few digits, may never come
+        below the bound: then the step is taken from where shorter ones stop to help.
+        """
+        duration_s, bound_m = self.duration_s, 0.8 * self.error_m
         step_s = even_step_s(duration_s, max(min(30.0, longest_s), shortest_s))
         before = math.inf, step_s  # error and step of the last shorter trial
         too_long_s = math.inf
         tried = bodies
         for _ in range(24):
             errors_m = self._trial_errors_m(tried, step_s)
-            if bodies is not None and tried is not None:
-                stays = step_s * (bound_m / np.maximum(errors_m, 1e-300)) ** 0.25 >= least_s
-                bodies, tried, errors_m = np.setdiff1d(bodies, tried[~stays]), tried[stays], errors_m[stays]
-                if not len(bodies):
-                    break
-                if not len(tried):  # those left have not been tried with this step
-                    tried = bodies
-                    continue
-                if len(tried) > _MANY:
-                    tried = tried[errors_m >= 0.1 * errors_m.max()]
-            worst_m = float(errors_m.max(initial=0.0))
+            stays = step_s * (bound_m / np.maximum(errors_m, 1e-300)) ** 0.25 >= least_s
+            bodies, tried, errors_m = np.setdiff1d(bodies, tried[~stays]), tried[stays], errors_m[stays]
+            if not len(bodies):
+                break
+            if not len(tried):  # those left have not been tried with this step
+                tried = bodies
+                continue
+            if len(tried) > _MANY:
+                tried = tried[errors_m >= 0.1 * errors_m.max()]
+            worst_m = float(errors_m.max())
             ratio = (bound_m / max(worst_m, 1e-300)) ** 0.25
             if 1.0 <= ratio < 1.3:
                 break
@@ -183,12 +161,11 @@ class _Sampler:
 
         room is how many nodes there may be.
         """
-        duration_s, error_m = self._duration_s, self._error_m
+        duration_s, error_m = self.duration_s, self.error_m
         shortest_s = max(SHORTEST_STEP_S, duration_s * len(bodies) / room, duration_s / MOST_NODES_OF_ONE)
         if least_s <= shortest_s:
             least_s = 0.0
-        step_s, chosen = self.choose(bodies, longest_s, shortest_s, least_s)
-        own = bodies if chosen is None else chosen
+        step_s, own = self.choose(bodies, longest_s, shortest_s, least_s)
         shortest_s = max(shortest_s, min(0.5 * step_s, duration_s * len(own) / MOST_ROUGH_NODES))
         first: tuple[float, float] | None = None  # error and step of the first sampling
         while len(own):
@@ -224,11 +201,11 @@ class _Sampler:
         """Refuse tracks that are more than WORST_TRACK_ERROR_M off."""
         rough = max(tracks, key=lambda track: track.error_m)
         if SHORTEST_STEP_S < step_s <= shortest_s:
-            longer_s = even_step_s(self._duration_s, 2.0 * step_s)
+            longer_s = even_step_s(self.duration_s, 2.0 * step_s)
             longer_m = max(track.error_m for track in self._sampled(bodies, longer_s))
             if longer_s == step_s or longer_m > 2.0**0.5 * rough.error_m:
                 raise InputError(
-                    f"{self._duration_s:g} s are too long for {len(self._names)} satellites and targets: between as "
+                    f"{self.duration_s:g} s are too long for {len(self.names)} satellites and targets: between as "
                     f"many orbit nodes as fit into memory, {step_s:.3g} s apart, {rough.name} is "
                     f"{rough.error_m:.3g} m off near {rough.error_at_s:.6g} s",
                     "duration_s",
@@ -240,42 +217,38 @@ class _Sampler:
 
     def _sampled(self, bodies: I64, step_s: float) -> list[Track]:
         """Tracks over a scene that the step divides evenly; outside it the motion is free."""
-        start_s, n_node = node_grid(self._duration_s, step_s)
+        start_s, n_node = node_grid(self.duration_s, step_s)
         ends = round(-start_s / step_s), n_node - 2
         found: list[Track] = []
         for names, state, spans_s in self._pieces(bodies, 2 * n_node):
             found += sample_tracks(names, state, start_s, step_s, n_node, spans_s, ends)
         return found
 
-    def _trial_errors_m(self, bodies: I64 | None, step_s: float) -> F64:
+    def _trial_errors_m(self, bodies: I64, step_s: float) -> F64:
         """Largest error of each body in intervals, as _trial_error_m [m]."""
-        n_time = min(2 * n_step(self._duration_s, step_s) + 1, 7 * _N_TRIAL)
+        n_time = min(2 * n_step(self.duration_s, step_s) + 1, 7 * _N_TRIAL)
         return np.concatenate([
-            _trial_error_m(partial(finite_states, names, state), self._duration_s, step_s, spans_s)
+            _trial_error_m(partial(finite_states, names, state), self.duration_s, step_s, spans_s)
             for names, state, spans_s in self._pieces(bodies, n_time)
         ])  # fmt: skip
 
-    def _pieces(self, bodies: I64 | None, n_time: int) -> Iterator[tuple[Sequence[str], StateFunction, F64]]:
+    def _pieces(self, bodies: I64, n_time: int) -> Iterator[tuple[Sequence[str], StateFunction, F64]]:
         """Names, states and spans of bodies, so many at a time that their states at n_time times take little memory."""
-        if bodies is None:
-            yield self._names, self._state, self._counted_s
-            return
         at_once = max(1, PAIRS_PER_PIECE // n_time)
         at_once -= at_once % _TOGETHER if at_once > _TOGETHER else 0
         for some in np.split(bodies, range(at_once, len(bodies), at_once)):
-            is_all = len(some) == len(self._names)
-            names = [self._names[number] for number in some.tolist()]
-            spans_s = self._counted_s[some] if self._counted_s.ndim > 1 else self._counted_s
-            yield names, self._state if is_all else self._states_of(some), spans_s
+            is_all = len(some) == len(self.names)
+            names = [self.names[number] for number in some.tolist()]
+            spans_s = self.counted_s[some] if self.counted_s.ndim > 1 else self.counted_s
+            yield names, self.state if is_all else self._states_of(some), spans_s
 
     def _states_of(self, bodies: I64) -> StateFunction:
-        """The states of some bodies."""
-        some_states = self._some_states
+        some_states = self.some_states
         if some_states is not None:
             return lambda time_s: some_states(time_s, bodies)
 
         def cut(time_s: F64) -> tuple[F64, F64]:
-            position_m, velocity_m_s = self._state(time_s)
+            position_m, velocity_m_s = self.state(time_s)
             return position_m[:, bodies], velocity_m_s[:, bodies]
 
         return cut

@@ -20,11 +20,12 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
 from warpsim.config.fields import FileName, Switch, as_tuple, rule_error
-from warpsim.config.model import config_model
+from warpsim.config.model import config_model, exactly_one
 from warpsim.constants import DAY_S
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.exchange.element_set import ElementRecord, ElementSet
 from warpsim.exchange.elements_files import element_records, read_element_records
+from warpsim.exchange.instants import TT_MINUS_TAI_S
 from warpsim.instant import Instant, tt_jd, utc_time, years_ahead
 from warpsim.orbit.earth import frame_to_gcrs
 from warpsim.orbit.element_catalog import Catalog, LeftOut, Satellite, choose_one, read_catalog
@@ -52,7 +53,6 @@ OLD_DAYS = 30.0
 NEAREST_KM, FARTHEST_KM = 6000.0, 1e6
 """Distances from the Earth's centre at which SGP4's states are believed: far from their epoch, sets give any."""
 
-_TT_MINUS_TAI_S = 32.184
 _LOOK_S = 60.0
 """Step at which satellites are looked at for being lost."""
 _LOW_KM = 6400.0
@@ -114,7 +114,6 @@ class _FromElementSets:
         return _sgp4_states(self.satellites, epoch, time_s)
 
     def _of_source(self, error: InputError) -> InputError:
-        """The error with the source before it."""
         return error.within("lines") if self.file is None else error.of(self.file)
 
     def age_days(self, epoch: Epoch) -> F64:
@@ -137,8 +136,7 @@ class _FromElementSets:
 
     def _check_source(self) -> None:
         """Check that there is one; sets given as text are read, as the field's path is known now."""
-        if (self.file is None) == (self.lines is None):
-            raise InputError("exactly one must be given", "file, lines")
+        exactly_one(self, "file", "lines")
         if self.lines is not None:
             self.satellites  # noqa: B018
 
@@ -199,13 +197,14 @@ class TleSatellites(_FromElementSets):
         Raises:
             InputError: No satellite has states.
         """
-        skips = self._catalog.n_set > 1 if self.skip is None else self.skip
-        lost = _lost(self.satellites, epoch, first_s, last_s) if skips else {}
+        lost = _lost(self.satellites, epoch, first_s, last_s) if self._catalog.skips else {}
         if not lost:
             return self, []
-        gone = [
-            LeftOut(one.name, *_record_of(one, epoch), lost[one.name]) for one in self.satellites if one.name in lost
-        ]
+        gone = []
+        for one in self.satellites:
+            if one.name in lost:
+                chosen = one.set_for(float(epoch.utc.jd))
+                gone.append(LeftOut(one.name, chosen.norad_id, chosen.location, lost[one.name]))
         if len(gone) == len(self.satellites):
             raise self._of_source(InputError(f"{gone[0].reason} (as all others)").of(gone[0].name))
         return self.some([number for number, one in enumerate(self.satellites) if one.name not in lost]), gone
@@ -249,32 +248,25 @@ def _records(file: str | None, lines: Sequence[str] | None) -> list[ElementRecor
     """Element sets of a source, not yet parsed; errors say of which."""
     if file is not None:
         return read_element_records(file)
-    try:
+    with errors_at("lines"):
         return element_records("\n".join(lines or ()))
-    except InputError as error:
-        raise error.within("lines") from None
 
 
-def _chosen_sets(satellites: Iterable[Satellite], epoch: Epoch) -> list[ElementSet]:
-    jd_utc = float(epoch.utc.jd)
-    return [item.set_for(jd_utc) for item in satellites]
-
-
-def _tai_minus_utc_s(sets: Sequence[ElementSet]) -> F64:
-    """TAI - UTC at the sets' epochs [s]; UTC days have 86,400 s in element sets."""
+def _chosen_sets(satellites: Iterable[Satellite], epoch: Epoch) -> tuple[list[ElementSet], F64]:
+    """Element sets that are taken, and TT - UTC at their epochs [s]; UTC days have 86,400 s in element sets."""
     import erfa
 
+    jd_utc = float(epoch.utc.jd)
+    sets = [item.set_for(jd_utc) for item in satellites]
     jd = np.array([item.epoch_jd_utc for item in sets])
     with years_ahead():
-        return np.asarray(erfa.dat(*erfa.jd2cal(jd[:, 0], jd[:, 1])), np.float64)
+        return sets, TT_MINUS_TAI_S + np.asarray(erfa.dat(*erfa.jd2cal(jd[:, 0], jd[:, 1])), np.float64)
 
 
 def _age_days(satellites: Sequence[Satellite], epoch: Epoch) -> F64:
-    """Ages of the satellites' element sets at an epoch [d]."""
-    sets = _chosen_sets(satellites, epoch)
+    sets, offset_s = _chosen_sets(satellites, epoch)
     whole, fraction = tt_jd(epoch, 0.0)
     jd = np.array([item.epoch_jd_utc for item in sets])
-    offset_s = _TT_MINUS_TAI_S + _tai_minus_utc_s(sets)
     return np.asarray((whole - jd[:, 0]) + (fraction - jd[:, 1] - offset_s / DAY_S), np.float64)
 
 
@@ -283,10 +275,9 @@ def _sgp4_states(satellites: Sequence[Satellite], epoch: Epoch, time_s: ArrayLik
     times = np.asarray(time_s, np.float64)
     if times.ndim != 1 or not np.isfinite(times).all():
         raise InputError(f"must be finite and of shape (n,), got shape {times.shape}", "time_s")
-    sets = _chosen_sets(satellites, epoch)
+    sets, offset_s = _chosen_sets(satellites, epoch)
     position, velocity = np.empty((len(times), len(sets), 3)), np.empty((len(times), len(sets), 3))
     # SGP4 takes one time for many satellites; sets from before a leap second have another.
-    offset_s = _TT_MINUS_TAI_S + _tai_minus_utc_s(sets)
     rows = max(1, _PAIRS_PER_CHUNK // len(sets))
     for start in range(0, len(times), rows):
         block = slice(start, start + rows)
@@ -294,9 +285,12 @@ def _sgp4_states(satellites: Sequence[Satellite], epoch: Epoch, time_s: ArrayLik
         for value_s in np.unique(offset_s):
             members = np.flatnonzero(offset_s == value_s)
             some = [(satellites[i].name, sets[i]) for i in members.tolist()]
-            r, v = _sgp4_block(some, epoch, times[block], value_s)
-            position[block, members] = 1e3 * (r @ turn)
-            velocity[block, members] = 1e3 * (v @ turn)
+            states = _Sgp4States(some, epoch, times[block], value_s)
+            if states.bad.any():
+                row = int(np.argmax(states.bad.any(axis=1)))
+                raise InputError(states.reason(row, int(np.argmax(states.bad[row])))).of(some[row][0])
+            position[block, members] = 1e3 * (np.swapaxes(states.r, 0, 1) @ turn)
+            velocity[block, members] = 1e3 * (np.swapaxes(states.v, 0, 1) @ turn)
     return position, velocity
 
 
@@ -312,16 +306,9 @@ def _teme_to_gcrs(epoch: Epoch, time_s: F64) -> F64:
     return np.asarray(rotation[node] + (at - node)[:, None, None] * (rotation[node + 1] - rotation[node]))
 
 
-def _record_of(satellite: Satellite, epoch: Epoch) -> tuple[int | None, str]:
-    """Catalog number and location of the set that is taken."""
-    chosen = satellite.set_for(float(epoch.utc.jd))
-    return chosen.norad_id, chosen.location
-
-
 def _lost(satellites: Sequence[Satellite], epoch: Epoch, first_s: float, last_s: float) -> dict[str, str]:
     """Satellites without a state at some time of a span, looked for every minute and in perigees, and why, by name."""
-    sets = _chosen_sets(satellites, epoch)
-    offset_s = _TT_MINUS_TAI_S + _tai_minus_utc_s(sets)
+    sets, offset_s = _chosen_sets(satellites, epoch)
     times = np.linspace(first_s, last_s, max(2, int(np.ceil((last_s - first_s) / _LOOK_S)) + 1))
     some = max(1, _PAIRS_PER_CHUNK // len(times))
     found: dict[str, str] = {}
@@ -391,14 +378,3 @@ class _Sgp4States:
             start = utc_time(self._epoch.isot) if isinstance(self._epoch, Instant) else self._epoch
             utc = (start + TimeDelta(time_s, format="sec")).utc.isot
         return f"no state at {utc} UTC ({time_s:g} s): SGP4: {reason}"
-
-
-def _sgp4_block(
-    members: Sequence[tuple[str, ElementSet]], epoch: Epoch, times: F64, offset_s: float
-) -> tuple[F64, F64]:
-    """States of sets of one TT - UTC, which all must have: TEME [km], [km/s], each (n_time, n_satellite, 3)."""
-    states = _Sgp4States(members, epoch, times, offset_s)
-    if states.bad.any():
-        row = int(np.argmax(states.bad.any(axis=1)))
-        raise InputError(states.reason(row, int(np.argmax(states.bad[row])))).of(members[row][0])
-    return np.swapaxes(states.r, 0, 1), np.swapaxes(states.v, 0, 1)

@@ -97,20 +97,14 @@ class Track:
         time = np.asarray(time_s, np.float64)
         interval, s = self._locate(time)
         s = s[..., None]
-        p0, p1 = self.position_m[interval], self.position_m[interval + 1]
-        m0, m1 = self.velocity_m_s[interval] * self.step_s, self.velocity_m_s[interval + 1] * self.step_s
-        # Written about p0 with the difference p1 - p0, so that large radii do not cancel.
-        rise = p1 - p0
-        c2, c3 = 3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise
-        position = p0 + s * (m0 + s * (c2 + s * c3))
-        velocity = (m0 + s * (2.0 * c2 + 3.0 * s * c3)) / self.step_s
-        return position, velocity
+        p0, m0, c2, c3 = _cubic(self.position_m, self.velocity_m_s, interval, self.step_s)
+        return p0 + s * (m0 + s * (c2 + s * c3)), (m0 + s * (2.0 * c2 + 3.0 * s * c3)) / self.step_s
 
     def position_at_m(self, time_s: ArrayLike) -> F64:
         """Return the position [m], of the shape of time_s plus (3,)."""
         return self.state(time_s)[0]
 
-    def _locate(self, time: F64) -> tuple[NDArray[np.int64], F64]:
+    def _locate(self, time: F64) -> tuple[Int, F64]:
         bad = ~((time >= self.start_s - _SPAN_SLACK_S) & (time <= self.end_s + _SPAN_SLACK_S))  # NaN is bad too
         if bad.any():
             worst = float(time[bad].flat[0]) if time.ndim else float(time)
@@ -140,34 +134,29 @@ class TrackStack:
         """Node velocities [m/s], shape (n, 3)."""
         self._span_s = float(self.start_s.max()), min(track.end_s for track in tracks)
 
-    def position_m(self, track: NDArray[np.int64], time_s: F64) -> F64:
-        """Return the positions of pairs of track and time, both (n,): those of Track.position_at_m [m], (n, 3)."""
-        if not self._all_hold(time_s):
-            for number in np.unique(track).tolist():
-                self._tracks[number]._locate(time_s[track == number])
-        return self._between_m(track, time_s)
-
     def positions_m(self, time_s: F64) -> F64:
         """Return the positions of all tracks at times (n,) [m], (n_track, n, 3)."""
-        if not self._all_hold(time_s):
-            for one in self._tracks:
-                one._locate(time_s)
-        return self._between_m(np.arange(len(self._tracks))[:, None], time_s)
+        return self.position_m(np.arange(len(self._tracks))[:, None], time_s)
 
-    def _all_hold(self, time_s: F64) -> bool:
-        """Whether the times lie within all tracks."""
-        return bool(((time_s >= self._span_s[0]) & (time_s <= self._span_s[1])).all())
-
-    def _between_m(self, track: NDArray[np.int64], time_s: F64) -> F64:
+    def position_m(self, track: Int, time_s: F64) -> F64:
+        """Return the positions of tracks at times, of shapes that broadcast: those of Track.position_at_m, (..., 3)."""
+        if not ((time_s >= self._span_s[0]) & (time_s <= self._span_s[1])).all():
+            tracks, times = np.broadcast_arrays(track, time_s)
+            for number in np.unique(tracks).tolist():
+                self._tracks[number]._locate(times[tracks == number])
         step_s = self.step_s[track]
         phase = (time_s - self.start_s[track]) / step_s
         interval = np.clip(np.floor(phase).astype(np.int64), 0, self.n_node[track] - 2)
         s, node = (phase - interval)[..., None], self.first[track] + interval
-        p0, p1 = self.node_m[node], self.node_m[node + 1]
-        m0, m1 = self.node_m_s[node] * step_s[..., None], self.node_m_s[node + 1] * step_s[..., None]
-        rise = p1 - p0  # as in Track.state
-        c2, c3 = 3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise
+        p0, m0, c2, c3 = _cubic(self.node_m, self.node_m_s, node, step_s[..., None])
         return np.asarray(p0 + s * (m0 + s * (c2 + s * c3)))
+
+
+def _cubic(position_m: F64, velocity_m_s: F64, node: Int, step_s: F64 | float) -> tuple[F64, F64, F64, F64]:
+    """Coefficients of Hermite's cubic from a node to the next one, in the part of the step."""
+    p0, m0, m1 = position_m[node], velocity_m_s[node] * step_s, velocity_m_s[node + 1] * step_s
+    rise = position_m[node + 1] - p0  # differences only, so that large radii do not cancel
+    return p0, m0, 3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise
 
 
 def window_size(method: Method, degree: int, n_node: int) -> int:
@@ -246,24 +235,15 @@ def _newton(x: F64, y: F64, slope: F64 | None) -> tuple[F64, F64]:
     middle = x.shape[1] // 2
     order = sorted(range(x.shape[1]), key=lambda i: (abs(i - middle), i))  # outwards: differences lose least so
     x, y = x[:, order], y[:, order]
-    if slope is None:
-        knots, table = x, y.copy()
-        coefficient = [table[:, 0]]
-        table = table[:, 1:] - table[:, :-1]
-        table = table / (knots[:, 1:] - knots[:, :-1])[..., None]
-    else:
-        slope = slope[:, order]
-        knots = np.repeat(x, 2, axis=1)
-        coefficient = [y[:, 0]]
+    knots, table = x, (y[:, 1:] - y[:, :-1]) / (x[:, 1:] - x[:, :-1])[..., None]
+    if slope is not None:
+        knots, between = np.repeat(x, 2, axis=1), table
         table = np.empty((x.shape[0], 2 * x.shape[1] - 1, y.shape[2]))
-        table[:, ::2] = slope
-        table[:, 1::2] = (y[:, 1:] - y[:, :-1]) / (x[:, 1:] - x[:, :-1])[..., None]
-    gap = 1
+        table[:, ::2], table[:, 1::2] = slope[:, order], between
+    coefficient = [y[:, 0]]
     while table.shape[1]:
         coefficient.append(table[:, 0])
-        gap += 1
-        if table.shape[1] == 1:
-            break
+        gap = len(coefficient)
         table = (table[:, 1:] - table[:, :-1]) / (knots[:, gap:] - knots[:, :-gap])[..., None]
     return knots, np.stack(coefficient, axis=1)
 

@@ -7,7 +7,6 @@ finder is Conway's (1986).
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,8 +15,6 @@ from warpsim.constants import EARTH_GM_M3_S2
 from warpsim.errors import InputError
 
 F64 = NDArray[np.float64]
-
-Direction = Literal["short", "long"]
 
 _SERIES_BELOW = 1.0
 _PAIRS_PER_CHUNK = 50_000  # (time, object) pairs solved at once: they stay in the processor's cache
@@ -103,12 +100,11 @@ def _universal_anomaly(t: F64, radius: F64, alpha: F64, sigma: F64) -> F64:
     raise InputError("the two-body equation did not converge; positions, velocities and times must be finite", "time_s")
 
 
-def lambert(start_m: ArrayLike, end_m: ArrayLike, duration_s: float, direction: Direction = "short") -> tuple[F64, F64]:
-    """Return the velocities at both ends of the two-body arc of less than one revolution [m/s], each of shape (3,).
+def lambert(start_m: ArrayLike, end_m: ArrayLike, duration_s: float) -> tuple[F64, F64]:
+    """Return the velocities at both ends of the two-body arc the short way about the centre [m/s], each of shape (3,).
 
-    With x^2 = z and k = sqrt(r1 r2 (1 + cos theta)), signed by the direction, the auxiliary y(z) = r1 + r2 - sqrt(2) k
-    cos(x / 2) has no cancellation, and the time of flight grows with z over all of (lowest z, 4 pi^2), so bisection
-    always converges. "short" sweeps less than 180 degrees about the centre, "long" the rest of the circle.
+    With x^2 = z and k = sqrt(r1 r2 (1 + cos theta)) the auxiliary y(z) = r1 + r2 - sqrt(2) k cos(x / 2) has no
+    cancellation, and the time of flight grows with z over all of (lowest z, 4 pi^2), so bisection always converges.
 
     Raises:
         InputError: On NaN, a duration <= 0, positions at the centre, ends in line with the centre (within 1e-7 rad of 0
@@ -119,21 +115,18 @@ def lambert(start_m: ArrayLike, end_m: ArrayLike, duration_s: float, direction: 
         raise InputError(f"must be finite 3-vectors, got {r1.tolist()} and {r2.tolist()}", "start_m, end_m")
     if not (math.isfinite(duration_s) and duration_s > 0):
         raise InputError("must be > 0", "duration_s", duration_s)
-    if direction not in ("short", "long"):
-        raise InputError("must be 'short' or 'long'", "direction", direction)
     d1, d2 = float(np.linalg.norm(r1)), float(np.linalg.norm(r2))
     normal = np.cross(r1, r2)
     area = float(np.linalg.norm(normal))
     if not area > _SMALLEST_SINE * d1 * d2:
         raise InputError("must not be 0 or 180 degrees apart about the centre (plane undefined)", "start_m, end_m")
-    way = 1.0 if direction == "short" else -1.0
-    normal *= way / area
-    cosine, sine = float(r1 @ r2) / (d1 * d2), way * area / (d1 * d2)
+    normal *= 1.0 / area
+    cosine, sine = float(r1 @ r2) / (d1 * d2), area / (d1 * d2)
 
     # 1 + cos and 1 - cos from the sine where the direct sum would cancel.
     one_plus = 1.0 + cosine if cosine > 0 else sine * sine / (1.0 - cosine)
     one_minus = 1.0 - cosine if cosine < 0 else sine * sine / (1.0 + cosine)
-    chord_term = way * math.sqrt(d1 * d2 * one_plus)  # k, Bate's A
+    chord_term = math.sqrt(d1 * d2 * one_plus)  # k, Bate's A
     z = _solve_z(d1 + d2, chord_term, duration_s)
     y = _auxiliary(z, d1 + d2, chord_term)
     off_s = _time_of_flight_s(z, d1 + d2, chord_term) - duration_s
@@ -145,7 +138,7 @@ def lambert(start_m: ArrayLike, end_m: ArrayLike, duration_s: float, direction: 
     rate = math.sqrt(EARTH_GM_M3_S2 / y)
     turn = math.sqrt(one_minus / (d1 * d2))
     bow = math.sqrt(2.0) * _half_cosine(z)
-    swing = way * math.sqrt(one_plus / (d1 * d2))
+    swing = math.sqrt(one_plus / (d1 * d2))
     out1, in2 = rate * (d2 * swing - bow), rate * (bow - d1 * swing)
     u1, u2 = r1 / d1, r2 / d2
     start_velocity = out1 * u1 + rate * d2 * turn * np.cross(normal, u1)
@@ -169,16 +162,8 @@ def _time_of_flight_s(z: float, sum_m: float, chord_term: float) -> float:
 
 
 def _solve_z(sum_m: float, chord_term: float, duration_s: float) -> float:
-    """Bisect for the z whose time of flight is duration_s."""
     high = 4.0 * math.pi**2
-    if chord_term > 0:  # y = 0, time 0
-        low = -((2.0 * math.acosh(max(sum_m / (math.sqrt(2.0) * chord_term), 1.0))) ** 2)
-    else:
-        low = -1.0
-        while _time_of_flight_s(low, sum_m, chord_term) > duration_s:
-            low *= 2.0
-            if low < -2000.0:
-                raise InputError("is too short for a conic the long way round", "duration_s", duration_s, "g")
+    low = -((2.0 * math.acosh(max(sum_m / (math.sqrt(2.0) * chord_term), 1.0))) ** 2)  # y = 0, time 0
     middle = 0.5 * (low + high)
     while high - low > 2e-16 * max(1.0, abs(middle)) and low < middle < high:
         if _time_of_flight_s(middle, sum_m, chord_term) < duration_s:

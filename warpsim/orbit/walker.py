@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import ValidationInfo, field_validator
+from pydantic import AfterValidator, ValidationInfo, field_validator
 
 from warpsim.config.fields import Group, Integer, Name, Number, Positive, closed_interval, rule_error
 from warpsim.config.model import config_model
@@ -30,12 +30,15 @@ Pattern = Literal["delta", "star"]
 Definition = Literal["standard", "paper"]
 
 
-def below_planes(value: int, info: ValidationInfo) -> int:
-    """A pattern's phasing, for a pydantic field after n_plane: it must be less than the number of planes."""
+def _below_planes(value: int, info: ValidationInfo) -> int:
     planes = info.data.get("n_plane")
     if value < 0 or (planes is not None and value >= planes):
         raise rule_error(f"must be in 0..{(planes or 1) - 1} (below n_plane)" if planes else "must be >= 0")
     return value
+
+
+Phasing = Annotated[Integer, AfterValidator(_below_planes)]
+"""Of a pattern, a field after n_plane: less than the number of planes."""
 
 
 def satellite_names(n_plane: int, n_slot: int, prefix: str) -> list[str]:
@@ -64,12 +67,12 @@ class Walker:
     """T, all satellites."""
     n_plane: Group
     """P, orbital planes; divides n_satellite."""
-    phasing: Integer
+    phasing: Phasing
     """F, in 0..P-1: a satellite is ahead of its neighbour one plane to the west by F * 360/T degrees."""
     altitude_km: Annotated[Positive, closed_interval(0, 1e6)]
     """Above the equatorial radius, 6378.137 km."""
-    inclination_deg: Number
-    """To the GCRS equator, 0 to 180."""
+    inclination_deg: Annotated[Number, closed_interval(0, 180)]
+    """To the GCRS equator."""
     pattern: Pattern = "delta"
     """Nodes spread over 360 degrees ("delta") or 180 degrees ("star")."""
     raan0_deg: Number = 0.0
@@ -90,18 +93,6 @@ class Walker:
         total = info.data.get("n_satellite")
         if total is not None and total % value:
             raise rule_error(f"must divide n_satellite ({total})")
-        return value
-
-    @field_validator("phasing")
-    @classmethod
-    def _below_planes(cls, value: int, info: ValidationInfo) -> int:
-        return below_planes(value, info)
-
-    @field_validator("inclination_deg")
-    @classmethod
-    def _half_turn(cls, value: float) -> float:
-        if not 0.0 <= value <= 180.0:
-            raise rule_error("must be in [0, 180]")
         return value
 
     @property

@@ -12,7 +12,7 @@ from warpsim.constants import SUN_RADIUS_M
 from warpsim.directions import normalised
 from warpsim.optics.camera import Camera
 from warpsim.orbit.earth import earth_clearance_m
-from warpsim.orbit.eclipse import sunlit_fraction
+from warpsim.orbit.sun import sunlit_fraction
 from warpsim.output.wording import counted
 from warpsim.scene.camera_axes import SatelliteState, apparent_mean, satellite_state
 from warpsim.scene.instrument import Instrument

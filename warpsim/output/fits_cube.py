@@ -24,7 +24,7 @@ from warpsim.instant import utc_dates
 from warpsim.optics.wcs import lens_keywords, tan_keywords, wcs_from_keywords
 from warpsim.output.fits_header import Card, Views, provenance_cards
 from warpsim.scene.description import SceneDescription
-from warpsim.tables.fits_file import open_fits
+from warpsim.tables.checked_files import open_fits
 
 if TYPE_CHECKING:
     from astropy.table import Table

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from warpsim.arguments import plain_array, plain_number
 from warpsim.constants import SPEED_OF_LIGHT_M_S
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.radiometry.curve_nodes import (
     checked_curve,
     gauss_rule,
@@ -102,7 +102,7 @@ class Band:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError("must be a text that is not empty", "name", self.name).of("band")
-        try:
+        with errors_at("", f"band {self.name}"):
             wavelength_um, response = checked_curve(self.wavelength_um, self.response, "response")
             if response.max() == 0.0:
                 raise InputError("must be > 0 somewhere, got 0 everywhere", "response")
@@ -110,35 +110,24 @@ class Band:
                 raise InputError("must be true or false", "per_photon", self.per_photon)
             numbers = {name: plain_number(getattr(self, name), unit, name) for name, unit in _UNITS.items()}
             edges_um = _edges_um(self.half_power_um)
-        except InputError as error:
-            raise error.of(f"band {self.name}") from None
-        response /= response.max()
-
-        def put(attribute: str, value: Any) -> None:
-            object.__setattr__(self, attribute, value)  # the dataclass is frozen for everybody else
-
-        put("wavelength_um", _frozen(wavelength_um))
-        put("response", _frozen(response))
-        put("half_power_um", edges_um)
-        for name, number in numbers.items():
-            put(name, number)
-        put("photon_um", photon_um(wavelength_um, response, self.per_photon))
-        node_um, weight_um = response_rule(wavelength_um, response, _NODES_PER_PIECE, _MAX_PIECE_LOG_WIDTH)
-        put("quadrature_um", (_frozen(node_um), _frozen(self._by_energy(node_um, weight_um))))
-        if math.isnan(self.isophotal_um):
-            node_um, weight_um = self.quadrature_um
-            put("isophotal_um", float(np.sum(weight_um * node_um) / np.sum(weight_um)))
-        if math.isnan(self.half_power_um[0]):
-            put("half_power_um", half_power_um(wavelength_um, response))
-        try:
+            response /= response.max()
+            self._put(wavelength_um=_frozen(wavelength_um), response=_frozen(response), **numbers)
+            self._put(photon_um=photon_um(wavelength_um, response, self.per_photon))
+            node_um, weight_um = response_rule(wavelength_um, response, _NODES_PER_PIECE, _MAX_PIECE_LOG_WIDTH)
+            weight_um = self._by_energy(node_um, weight_um)
+            self._put(quadrature_um=(_frozen(node_um), _frozen(weight_um)))
+            if math.isnan(self.isophotal_um):
+                self._put(isophotal_um=float(np.sum(weight_um * node_um) / np.sum(weight_um)))
+            given = not math.isnan(edges_um[0])
+            self._put(half_power_um=edges_um if given else half_power_um(wavelength_um, response))
             self._check_wavelengths()
-            for name, value in complete_zero_point(numbers, self.flat_w_cm2_per_jy).items():
-                put(name, value)
-        except InputError as error:
-            raise error.of(f"band {self.name}") from None
+            self._put(**complete_zero_point(numbers, self.flat_w_cm2_per_jy))
+
+    def _put(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)  # the dataclass is frozen for everybody else
 
     def _check_wavelengths(self) -> None:
-        """Check that wavelengths lie within the nodes."""
         first_um, last_um = (float(end) for end in self.wavelength_um[[0, -1]])
         low_um, high_um = self.half_power_um
         if not first_um <= self.isophotal_um <= last_um:
@@ -202,10 +191,8 @@ class Band:
             InputError: No curve, one that breaks a rule of Band, curves that do not overlap, or a product that is zero
                 everywhere.
         """
-        try:
+        with errors_at("", f"band {name}"):
             wavelength_um, values = product_of_curves(curves)
-        except InputError as error:
-            raise error.of(f"band {name}") from None
         zero: Any = {"zero_mag_jy": zero_mag_jy, "zero_mag_w_cm2": zero_mag_w_cm2}
         return cls(name, wavelength_um, values, per_photon=per_photon, **zero), float(values.max())
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from warpsim_catalogs import path
 
+from warpsim.arguments import plain_array
 from warpsim.constants import BOLTZMANN_J_K, PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
@@ -200,10 +201,7 @@ def band_radiance_w_m2_sr(temperature_k: ArrayLike, band: Band | str) -> Any:
         InputError: A temperature that is not finite and > 0, or an unknown band.
     """
     node_um, weight_um = as_band(band).quadrature_um
-    try:
-        temperature = np.asarray(temperature_k, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"must be numbers, got {type(temperature_k).__name__}", "temperature_k") from None
+    temperature = plain_array(temperature_k, "K", "temperature_k")
     bad = ~(np.isfinite(temperature) & (temperature > 0.0))
     if bad.any():
         raise InputError("must be finite and > 0", "temperature_k", temperature[bad][0], "g")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.arguments import plain_array
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.legendre import gauss_legendre
 
 Array = NDArray[np.float64]
@@ -101,10 +101,8 @@ def product_of_curves(curves: Sequence[tuple[ArrayLike, ArrayLike]]) -> tuple[Ar
             raise error.within(f"curves[{number}]") from None
     if not checked:
         raise InputError("must be at least one", "curves")
-    try:
+    with errors_at("curves"):
         return product(checked, [f"curves[{number}]" for number in range(len(checked))])
-    except InputError as error:
-        raise error.within("curves") from None
 
 
 def product(curves: Sequence[tuple[Array, Array]], names: Sequence[str]) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.arguments import plain_array
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS
@@ -105,10 +106,7 @@ class Radiometry:
         Raises:
             InputError: Negative flux, values that are not numbers, or an unknown band.
         """
-        zero = self.zero_point(band)
-        flux = _numbers(flux_jy, "flux_jy")
-        if (flux < 0.0).any():
-            raise InputError("must be >= 0", "flux_jy", flux[flux < 0.0][0], "g")
+        zero, flux = self.zero_point(band), _fluxes(flux_jy)
         with np.errstate(divide="ignore"):
             return _like(-2.5 * np.log10(flux / zero.zero_mag_jy))
 
@@ -124,7 +122,7 @@ class Radiometry:
         """
         zero = self.zero_point(band)
         with np.errstate(over="ignore", under="ignore"):
-            return _like(zero.zero_mag_w_cm2 * self.magnitude_base ** -_numbers(magnitude, "magnitude"))
+            return _like(zero.zero_mag_w_cm2 * self.magnitude_base ** -plain_array(magnitude, "", "magnitude"))
 
     def flux_irradiance_w_cm2(self, flux_jy: ArrayLike, band: Band | str) -> Any:
         """In-band irradiance of a flux density [W/cm2].
@@ -141,10 +139,7 @@ class Radiometry:
         """
         if self.name == "paper":
             return self.irradiance_w_cm2(self.magnitude(flux_jy, band), band)
-        flux = _numbers(flux_jy, "flux_jy")
-        if (flux < 0.0).any():
-            raise InputError("must be >= 0", "flux_jy", flux[flux < 0.0][0], "g")
-        return _like(flux * self.zero_point(band).w_cm2_per_jy)
+        return _like(_fluxes(flux_jy) * self.zero_point(band).w_cm2_per_jy)
 
     def dynamic_range(
         self,
@@ -197,11 +192,11 @@ class Radiometry:
         return table
 
 
-def _numbers(values: ArrayLike, where: str) -> Array:
-    try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"must be numbers, got {type(values).__name__}", where) from None
+def _fluxes(flux_jy: ArrayLike) -> Array:
+    flux = plain_array(flux_jy, "Jy", "flux_jy")
+    if (flux < 0.0).any():
+        raise InputError("must be >= 0", "flux_jy", flux[flux < 0.0][0], "g")
+    return flux
 
 
 def _like(values: Any) -> Any:
@@ -221,23 +216,20 @@ _PAPER = {
 
 
 def _paper() -> Radiometry:
-    zero_points = {}
-    for name, (wavelength_um, edges_um, zero_mag_jy, in_nei) in _PAPER.items():
-        zero_mag_w_cm2 = in_nei * NEI_W_CM2
-        zero_points[name] = ZeroPoint(
-            wavelength_um, edges_um, zero_mag_jy, zero_mag_w_cm2, zero_mag_w_cm2 / zero_mag_jy
-        )
-    return Radiometry("paper", 2.512, MappingProxyType(zero_points))
+    points = {}
+    for name, (wavelength_um, edges_um, jy, in_nei) in _PAPER.items():
+        w_cm2 = in_nei * NEI_W_CM2
+        points[name] = ZeroPoint(wavelength_um, edges_um, jy, w_cm2, w_cm2 / jy)
+    return Radiometry("paper", 2.512, MappingProxyType(points))
 
 
 def _physical() -> Radiometry:
-    zero_points = {}
+    points = {}
     for name in _PAPER:
         band = BANDS[name]
-        zero_points[name] = ZeroPoint(
-            band.isophotal_um, band.half_power_um, band.zero_mag_jy, band.zero_mag_w_cm2, band.w_cm2_per_jy
-        )
-    return Radiometry("physical", 100.0**0.2, MappingProxyType(zero_points))
+        zero_point = band.zero_mag_jy, band.zero_mag_w_cm2, band.w_cm2_per_jy
+        points[name] = ZeroPoint(band.isophotal_um, band.half_power_um, *zero_point)
+    return Radiometry("physical", 100.0**0.2, MappingProxyType(points))
 
 
 PHYSICS: Mapping[str, Radiometry] = MappingProxyType({"physical": _physical(), "paper": _paper()})

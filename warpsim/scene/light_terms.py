@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M
-from warpsim.orbit.eclipse import sunlit_depth
+from warpsim.orbit.sun import sunlit_depth
 from warpsim.orbit.track import Track
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import band_radiance_w_m2_sr

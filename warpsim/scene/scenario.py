@@ -13,8 +13,7 @@ from warpsim.arguments import times_s
 from warpsim.errors import InputError, errors_at
 from warpsim.instant import Instant, instant
 from warpsim.orbit.access_constraints import AccessConstraints, MarginFunction
-from warpsim.orbit.eclipse import eclipses, sunlit_fraction
-from warpsim.orbit.sun import earth_states
+from warpsim.orbit.sun import earth_states, eclipses, sunlit_fraction
 from warpsim.quaternion import rotated
 from warpsim.radiometry.band import Band
 from warpsim.scene.access_report import access_report, check_rules, chosen_sensors, eclipse_table

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2, SOLAR_CONSTANT_W_M2
 from warpsim.errors import InputError
 from warpsim.instant import Instant
-from warpsim.orbit.eclipse import eclipses
+from warpsim.orbit.sun import eclipses
 from warpsim.orbit.track import TrackStack
 from warpsim.scene.attitudes import AnyAttitude, within_scene
 from warpsim.scene.groups import TargetGroup, TargetSpec

@@ -5,13 +5,13 @@ Parquet is read through pyarrow alone (astropy's own reader needs pandas too): s
 
 from __future__ import annotations
 
-import functools
 import html
 import importlib
 import io
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpsim.errors import InputError, one_line
+from warpsim.tables.checked_files import CUT_OFF, checked_fits
 from warpsim.tables.columns import ColumnTable, Part
-from warpsim.tables.fits_file import CUT_OFF, checked_fits
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -54,46 +54,41 @@ def fits_tables(data: bytes) -> list[Part]:
     """The tables of a FITS file, by the names of their HDUs."""
     from astropy.io import fits
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            hdus = fits.open(io.BytesIO(data := checked_fits(data)))
-            tables = [(k, hdu) for k, hdu in enumerate(hdus) if isinstance(hdu, fits.BinTableHDU | fits.TableHDU)]
-            named = [(k, hdu.name, tuple(hdu.columns.names)) for k, hdu in tables]
-        except InputError:
-            raise
-        except Exception as error:  # astropy raises many kinds for a broken file
-            raise InputError(f"cannot be read as a table: FITS: {one_line(error)}") from None
-    _check_whole(caught)
+    data = checked_fits(data)
+    with _whole_fits():
+        hdus = fits.open(io.BytesIO(data))
+        tables = [(k, hdu) for k, hdu in enumerate(hdus) if isinstance(hdu, fits.BinTableHDU | fits.TableHDU)]
+        named = [(k, hdu.name, tuple(hdu.columns.names)) for k, hdu in tables]
     if not named:
         raise InputError("must hold a table, got FITS without one (it may be cut off)")
-    return [Part(name, columns, functools.partial(_read_fits, data, k)) for k, name, columns in named]
+    return [Part(name, columns, partial(_read_fits, data, k)) for k, name, columns in named]
 
 
 def _read_fits(data: bytes, hdu: int) -> ColumnTable:
-    """The table of an HDU."""
     from astropy.io import fits
     from astropy.table import Table
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            table = Table.read(io.BytesIO(data), format="fits", hdu=hdu)
-            header = fits.getheader(io.BytesIO(data), hdu).tostring("\n")
-            said = None
-        except Exception as error:  # astropy raises many kinds for a broken file
-            table, said = None, one_line(error)
-    _check_whole(caught)
-    if table is None:
-        raise InputError(f"cannot be read as a table: FITS: {said}")
+    with _whole_fits():
+        table = Table.read(io.BytesIO(data), format="fits", hdu=hdu)
+        header = fits.getheader(io.BytesIO(data), hdu).tostring("\n")
     return ColumnTable(table, header=header)
 
 
-def _check_whole(caught: Sequence[warnings.WarningMessage]) -> None:
-    """Raise where astropy warned of missing data: it may go on without."""
+@contextmanager
+def _whole_fits() -> Iterator[None]:
+    """Errors of astropy in one line, and of missing data, of which it may only warn."""
+    failed = None
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            yield
+        except Exception as error:  # astropy raises many kinds for a broken file
+            failed = InputError(f"cannot be read as a table: FITS: {one_line(error)}")
     texts = " ".join(str(warning.message) for warning in caught)
     if "truncated" in texts or "Error validating header" in texts:
-        raise InputError(CUT_OFF)
+        raise InputError(CUT_OFF) from None
+    if failed is not None:
+        raise failed from None
 
 
 _TABLE = re.compile(rb"<(?:\w+:)?TABLE\b([^>]*?)(?:/>|>(.*?)</(?:\w+:)?TABLE\s*>)", re.DOTALL)
@@ -119,7 +114,7 @@ def votable_tables(data: bytes, what: str = "a table") -> list[Part]:
     for match in found:
         fields = [_attribute(field[0], "name") for field in _FIELD.finditer(_DATA.sub(b"", match[2] or b""))]
         name = _attribute(match[1], "name") or _attribute(match[1], "ID")
-        parts.append(Part(name, tuple(fields), functools.partial(_read_votable, data, found, match)))
+        parts.append(Part(name, tuple(fields), partial(_read_votable, data, found, match)))
     return parts
 
 

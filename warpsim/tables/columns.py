@@ -33,7 +33,6 @@ class ColumnTable:
         table: Table,
         line_of_row: NDArray[np.int64] | None = None,
         layout: str | None = None,
-        open_end: InputError | None = None,
         header: str = "",
         all_names: Sequence[str] | None = None,
     ) -> None:
@@ -51,7 +50,7 @@ class ColumnTable:
         self.layout = layout
         """Name of the byte layout that the file follows, if any."""
 
-        self.open_end = open_end
+        self.open_end: InputError | None = None
         """The error of a last line that no line break closes; None where it is closed, or known to be whole."""
 
         self.header = header or "\n".join(map(str, table.meta.values()))

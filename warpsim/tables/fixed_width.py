@@ -186,7 +186,6 @@ def _follows(line: bytes, layout: Layout) -> bool:
 
 
 def _check_lengths(lines: Lines, layout: Layout) -> None:
-    """Raise for the first line that is too short."""
     length = np.array([len(line) for line in lines.text], dtype=np.int64)
     short = np.flatnonzero(length < layout.shortest)
     if short.size:

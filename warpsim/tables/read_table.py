@@ -6,15 +6,14 @@ caller, who knows what it is for, puts its name before them.
 
 from __future__ import annotations
 
-import gzip
 import re
-import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.tables.by_astropy import ParquetFile, fits_tables, read_by_name, votable_tables
 from warpsim.tables.columns import ColumnTable, read_part
+from warpsim.tables.file_bytes import N_HEAD, known_kind, read_bytes, unpacked
 from warpsim.tables.fixed_width import Layout, layout_from_readme, n_description, read_fixed_width, recognised
 from warpsim.tables.text import decoded, delimited_tables, lines_of, names_columns, read_ecsv, read_ipac
 
@@ -35,19 +34,6 @@ KINDS = {
     "ascii.mrt": "cds",
 }
 """Kinds of files read here, by the names that users give them; those of astropy are among them."""
-
-_FOREIGN = (
-    (b"\x89PNG", "a PNG image"),
-    (b"\xff\xd8\xff", "a JPEG image"),
-    (b"GIF8", "a GIF image"),
-    (b"%PDF", "a PDF document"),
-    (b"PK\x03\x04", "a ZIP archive"),
-    (b"BZh", "a bzip2 archive: unpack it first"),
-    (b"\xfd7zXZ", "an xz archive: unpack it first"),
-    (b"\x89HDF", "an HDF5 file"),
-)
-_N_HEAD = 4096
-"""Bytes that identify the kind."""
 
 _README_NAMES = ("ReadMe", "ReadMe.txt", "README", "readme.txt")
 _DESCRIPTION, _N_DESCRIPTION = b" Description of file:", 200_000
@@ -73,7 +59,7 @@ def read_table(
     """Table of a file; of several that it holds, the one asked for, or the first that is wanted, with a warning.
 
     Args:
-        path: File name; ".gz" is unpacked.
+        path: File name; compressed ones (gzip, bzip2, xz) are unpacked.
         format: A key of KINDS, or any other of astropy's format names; None guesses by the content.
         what: What the file must be, for messages: "a table of stars".
         readme: ReadMe of a CDS file; one beside the file is found by itself.
@@ -86,29 +72,31 @@ def read_table(
     Raises:
         InputError: The file cannot be read, or is no table.
     """
-    data = _unpacked(_read_bytes(path) if data is None else data)
+    data = unpacked(read_bytes(path) if data is None else data)
+    if not data.strip():
+        raise InputError("must hold a table, got an empty file")
+    data = data.removeprefix(b"\xef\xbb\xbf")
     if format is not None and format not in KINDS:
         return ColumnTable(read_by_name(path, format))
-    _check_foreign(data, what)
+    foreign = "JSON" if data[:N_HEAD].lstrip().startswith((b"{", b"[{", b"[[")) else known_kind(data)
+    if foreign is not None:
+        raise InputError(f"must be {what}, got {foreign}")
     kind = KINDS[format] if format is not None else _kind_of(data, what)
     if kind == "fits":
         return read_part(fits_tables(data), "FITS file", table, wanted)
     if kind == "votable":
         return read_part(votable_tables(data, what), "VOTable", table, wanted)
-    if kind != "parquet" and b"\x00" in data[:_N_HEAD]:
+    if kind != "parquet" and b"\x00" in data[:N_HEAD]:
         raise InputError("cannot be read as a table: it is binary, of no kind known")
+    found = None
     if kind in _READERS:
-        return _only_table(_READERS[kind](data), table)
-    found = None if kind in ("csv", "tsv") else _by_bytes(data, path, readme, layouts, likely, is_cds=kind == "cds")
+        found = _READERS[kind](data)
+    elif kind not in ("csv", "tsv"):
+        found = _by_bytes(data, path, readme, layouts, likely, is_cds=kind == "cds")
     if found is not None:
-        return _only_table(found, table)
+        check_only_table(table)
+        return found
     return read_part(delimited_tables(data, "\t" if kind == "tsv" else None), "text", table, wanted)
-
-
-def _only_table(one: ColumnTable, table: str | int | None) -> ColumnTable:
-    """The table of a file of a kind that holds one; raise where another is asked for."""
-    check_only_table(table)
-    return one
 
 
 def check_only_table(table: str | int | None) -> None:
@@ -121,7 +109,7 @@ def _by_bytes(
     data: bytes, path: Path, readme: Path | None, layouts: Sequence[Layout], likely: Layout | None, is_cds: bool
 ) -> ColumnTable | None:
     """Table of a text whose bytes are described, or of a known layout; None of one with a line of names."""
-    file_name = path.name.removesuffix(".gz")
+    file_name = re.sub(r"\.(gz|bz2|xz)$", "", path.name)
     if readme is not None:
         return _read_by_readme(data, file_name, readme)
     n_line = n_description(data.decode("latin-1")) if _DESCRIPTION in data[:_N_DESCRIPTION] else None
@@ -151,57 +139,14 @@ def _describes(readme: Path) -> bool:
 
 
 def _read_by_readme(data: bytes, file_name: str, readme: Path) -> ColumnTable:
-    """Table of a text whose bytes a ReadMe describes."""
-    try:
-        layout = layout_from_readme(readme.read_text("latin-1"), file_name)
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})").of(readme).within("readme") from None
-    except InputError as error:
-        raise error.of(readme).within("readme") from None
+    with errors_at("readme", str(readme)):
+        layout = layout_from_readme(read_bytes(readme).decode("latin-1"), file_name)
     return read_fixed_width(lines_of(data), layout)
-
-
-def _read_bytes(path: Path) -> bytes:
-    """Content of a file."""
-    try:
-        return path.read_bytes()
-    except IsADirectoryError:
-        raise InputError("must be a file, got a folder") from None
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})") from None
-
-
-def _unpacked(data: bytes) -> bytes:
-    """Return a file's bytes unpacked where they are gzip, without a byte order mark; raise where there are none."""
-    if data[:2] == b"\x1f\x8b":
-        try:
-            data = gzip.decompress(data)
-        except EOFError:
-            raise InputError("ends early: the gzip data are cut off") from None
-        except (OSError, zlib.error) as error:
-            raise InputError(f"cannot be unpacked ({error})") from None
-    if not data.strip():
-        raise InputError("must hold a table, got an empty file")
-    return data.removeprefix(b"\xef\xbb\xbf")
-
-
-def _check_foreign(data: bytes, what: str) -> None:
-    """Raise for files of well-known other kinds."""
-    for magic, found in _FOREIGN:
-        if data.startswith(magic):
-            raise InputError(f"must be {what}, got {found}")
-    head = data[:_N_HEAD].lstrip().lower()
-    if head.startswith((b"<!doctype html", b"<html")):
-        title = re.search(rb"<title>(.*?)</title>", data[:_N_HEAD], re.IGNORECASE | re.DOTALL)
-        said = f" titled {' '.join(title[1].decode('latin-1').split())!r}" if title else ""
-        raise InputError(f"must be {what}, got a web page{said}")
-    if head.startswith((b"{", b"[{", b"[[")):
-        raise InputError(f"must be {what}, got JSON")
 
 
 def _kind_of(data: bytes, what: str) -> str:
     """Kind of a file by its first bytes: a value of KINDS, or "text"; raise for XML other than a VOTable."""
-    head = data[:_N_HEAD]
+    head = data[:N_HEAD]
     if head.startswith((b"SIMPLE ", b"XTENSION")):
         return "fits"
     if head.startswith(b"PAR1"):

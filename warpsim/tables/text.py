@@ -6,7 +6,7 @@ import csv
 import functools
 import re
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -109,8 +109,10 @@ def delimited_tables(data: bytes, delimiter: str | None = None, *, equal_names: 
         found = [("", lines, comments)]
     parts = []
     for name, rows, header in found:
-        # Of one table alone they are not asked for, and it may have no line of names.
-        names = _names_of(decoded(rows.text[0]), delimiter) if len(found) > 1 else []
+        names: list[str] = []
+        if len(found) > 1:  # of one table alone they are not asked for, and it may have no line of names
+            line = decoded(rows.text[0])
+            names = unlike(cell.strip() for cell in _cells_of(line, delimiter or _delimiter_of(line) or " "))
         read = functools.partial(_read_delimited, rows, header, delimiter, equal_names)
         parts.append(Part(name, tuple(names), read))
     return parts
@@ -130,7 +132,7 @@ def _read_delimited(
         shown = header.strip()[:40]
         raise InputError(f"cannot be read as a table: no line names its columns, the first is {shown!r}")
     given = [cell.strip() for cell in _cells_of(header, delimiter)]
-    names = _unlike(given)
+    names = unlike(given)
     if names != given:
         if not equal_names:
             doubled = sorted({name for name in given if given.count(name) > 1})
@@ -154,20 +156,15 @@ def _read_delimited(
     return table
 
 
-def _names_of(header: str, delimiter: str | None) -> list[str]:
-    return _unlike([cell.strip() for cell in _cells_of(header, delimiter or _delimiter_of(header) or " ")])
-
-
-def _unlike(names: list[str]) -> list[str]:
-    """Names with a number behind all but the first of equal ones: ra, dec, ra_2."""
-    unlike: list[str] = []
+def unlike(names: Iterable[str]) -> list[str]:
+    """Return names with a number behind all but the first of equal ones: ra, dec, ra_2."""
+    found: list[str] = []
     for name in names:
-        number = 2
-        new = name
-        while name and new in unlike:
+        number, new = 2, name
+        while name and new in found:
             new, number = f"{name}_{number}", number + 1
-        unlike.append(new)
-    return unlike
+        found.append(new)
+    return found
 
 
 def read_ecsv(data: bytes) -> ColumnTable:

@@ -26,7 +26,7 @@ from warpsim.constants import (
     STEFAN_BOLTZMANN_W_M2_K4,
 )
 from warpsim.errors import InputError
-from warpsim.orbit.eclipse import sunlit_fraction
+from warpsim.orbit.sun import sunlit_fraction
 from warpsim.radiometry.band import Band
 from warpsim.target.surface import Graybody
 from warpsim.target.temperature import HeatBalance

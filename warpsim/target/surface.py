@@ -17,9 +17,8 @@ from warpsim.exchange.curve_file import CurveFile, read_curve
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr, planck_w_m2_sr_um
 from warpsim.radiometry.by_band import AS_DICT, band_table, named_bands
-from warpsim.radiometry.curve import Curve, band_rule
 from warpsim.radiometry.curve_nodes import checked_curve
-from warpsim.radiometry.sun_and_earth import earth_rule, earthshine_rule, sunlight_rule
+from warpsim.radiometry.sun_and_earth import Curve, band_rule, earth_rule, earthshine_rule, sunlight_rule
 
 Wavelengths = Annotated[tuple[Number, ...], rows_in("um")]
 Fractions = Annotated[tuple[Annotated[NonNegative, closed_interval(0, 1)], ...], rows_in("")]

@@ -1,4 +1,4 @@
-"""FITS files of others, opened once the sizes in their headers are known to be true.
+"""FITS and NumPy's files (.npy) of others, opened once the sizes in their headers are known to be true.
 
 astropy believes headers: a wrong digit asks for terabytes, or for a thousand million axes, and damaged tiles of a
 compressed image overwrite the memory of the process. So headers are compared with the file before astropy sees them,
@@ -7,21 +7,22 @@ nothing is memory-mapped, and compressed images are unpacked by another process.
 
 from __future__ import annotations
 
-import bz2
-import gzip
 import io
-import lzma
 import math
 import subprocess
 import sys
 import warnings
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
 from warpsim.errors import InputError, one_line
+from warpsim.tables.file_bytes import read_bytes, unpacked
 
 BLOCK_BYTES, CARD_BYTES = 2880, 80
 MOST_HEADER_BYTES = 16 * 2**20
@@ -32,7 +33,6 @@ UNPACKING_S = 120.0
 CUT_OFF = "ends early: the FITS data are cut off"
 
 _BITPIX = (8, 16, 32, 64, -32, -64)
-_PACKED = {b"\x1f\x8b": gzip.decompress, b"BZh": bz2.decompress, b"\xfd7zXZ": lzma.decompress}
 
 
 @contextmanager
@@ -47,7 +47,7 @@ def open_fits(source: str | Path | bytes) -> Iterator[Any]:
     """
     from astropy.io import fits
 
-    data = checked_fits(_read(Path(source)) if isinstance(source, str | Path) else source)
+    data = checked_fits(unpacked(read_bytes(Path(source))) if isinstance(source, str | Path) else source)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of headers that are not quite FITS
         try:
@@ -76,7 +76,7 @@ def checked_fits(data: bytes) -> bytes:
             raise InputError(CUT_OFF)
         packed = packed or cards.get("ZIMAGE") == "T"
         start, n_hdu = end + -(-size // BLOCK_BYTES) * BLOCK_BYTES, n_hdu + 1
-    return _unpacked(data) if packed else data
+    return _plain_images(data) if packed else data
 
 
 def _header(data: bytes, start: int) -> tuple[int, dict[str, str]]:
@@ -124,7 +124,7 @@ def _whole(cards: dict[str, str], key: str, low: int = -64, high: int = 64, unle
     return int(text)
 
 
-def _unpacked(data: bytes) -> bytes:
+def _plain_images(data: bytes) -> bytes:
     """A file whose compressed images are plain; unpacked by a process that damage may end."""
     script = Path(__file__).with_name("unpack_fits.py")
     command = [sys.executable, "-P", str(script), str(MOST_UNPACKED_BYTES + 2**30)]
@@ -139,21 +139,28 @@ def _unpacked(data: bytes) -> bytes:
     return done.stdout
 
 
-def _read(path: Path) -> bytes:
-    """Content of a file, unpacked."""
-    try:
-        data = path.read_bytes()
-        return next((unpack(data) for magic, unpack in _PACKED.items() if data.startswith(magic)), data)
-    except IsADirectoryError:
-        raise InputError("must be a file, got a folder") from None
-    except (EOFError, zlib.error, lzma.LZMAError) as error:
-        raise InputError(f"cannot be unpacked: {one_line(error)}") from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or one_line(error)}") from None
-
-
 def is_image(hdu: Any) -> bool:
     """Whether an HDU holds an image; astropy says so of damaged ones, too."""
     from astropy.io import fits
 
     return isinstance(hdu, fits.PrimaryHDU | fits.ImageHDU) and hdu.data is not None
+
+
+def npy_array(data: bytes) -> NDArray[Any]:
+    """The array in the bytes of a file of NumPy's, without objects.
+
+    Raises:
+        InputError: The header is damaged, or asks for more than the file holds.
+    """
+    stream = io.BytesIO(data)
+    try:
+        version = npy.read_magic(stream)
+        read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        shape, by_column, dtype = read_header(stream)
+        size = math.prod(shape) * dtype.itemsize
+        if dtype.hasobject or min(shape, default=0) < 0 or size > len(data) - stream.tell():
+            raise ValueError(f"{len(data):,} bytes do not hold an array of shape {shape} of {dtype}")
+        flat = np.frombuffer(data, dtype, math.prod(shape), stream.tell())
+        return flat.reshape(shape, order="F" if by_column else "C").copy()
+    except Exception as error:  # the header is parsed as Python's text, with all its kinds of errors
+        raise InputError(f"cannot be read as a NumPy array: {one_line(error)}") from None
