@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from benchmarks.tables.markdown import Case
+from benchmarks.tables import Case
 
 
 def plot_signatures(cases: list[Case], path: Path) -> None:
