@@ -180,7 +180,7 @@ def plot_stages(cases: list[Case], path: Path) -> None:
     """Draw the fraction of each stage in the time of an image."""
     cases = sorted(cases, key=lambda c: (c["device"], c["psf"], c["n_star"], c["n_pixel"]), reverse=True)
     labels = [f"{c['n_pixel']}^2, {c['n_star']:,} stars, {c['psf']}, {c['device']}" for c in cases]
-    figure = Figure(figsize=(10, 1.5 + 0.35 * len(cases)), layout="constrained")
+    figure = _figure(10, 1.5 + 0.35 * len(cases))
     axes = figure.add_subplot()
     begin = [0.0] * len(cases)
     for name in cases[0]["stage_us"]:
