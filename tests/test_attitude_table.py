@@ -1,7 +1,6 @@
 """Attitude tables: kernel and host against scipy, what is refused, files, and scenes that use them."""
 
-import sys
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from warpsim_kernels import timed_tables
 import warpsim as ws
 from warpsim import quaternion
 from warpsim.render.target_field import make_attitudes, make_target_field
-from warpsim.target.attitude import BodyMotion, attitude_frame
+from warpsim.target.attitude import body_motion
 from warpsim.target.attitude_table import checked_rows
 
 SEED = 141421
@@ -133,7 +132,7 @@ def test_a_hundred_thousand_rows_and_several_tables(device):
     """Rows of a spin of 5 rev/s each 0.01 s, between two other tables: no search may stray into them."""
     time_s = np.arange(100_000) * 0.01
     spin = ws.Attitude(spin_rev_s=5.0, axis=(0.0, 0.6, 0.8), precession_angle_deg=40.0)
-    body = BodyMotion(spin, attitude_frame(spin, np.ones(3), 1, 0))
+    body = body_motion(spin, np.ones(3), 1, 0)
     tables = [checked_rows(*some_table(7, 900.0, seed=1)), checked_rows(time_s, body.at(time_s)),
               checked_rows(np.zeros(1), np.array([IDENTITY])), checked_rows(*some_table(9, 800.0, seed=2))]  # fmt: skip
     times = np.random.default_rng(SEED).uniform(0, 790, 4000)
@@ -170,7 +169,7 @@ def test_slerp_of_the_kernel_from_no_turn_to_half_a_turn(device, step_rad):
 def test_error_of_a_tabulated_precession_is_what_the_page_says(step_s):
     """At most step^2 / 8 times the angular acceleration, precession x spin x sin(angle), in radians."""
     main = ws.Attitude(spin_rev_s=3.0, precession_rev_s=1.0, precession_angle_deg=3.0)
-    body = BodyMotion(main, attitude_frame(main, np.array([1.0, 2.0, 3.0]), 5, 0))
+    body = body_motion(main, np.array([1.0, 2.0, 3.0]), 5, 0)
     time_s = np.arange(0, 3, step_s)
     times = np.linspace(0, time_s[-1], 20001)
     seen = checked_rows(time_s, body.at(time_s)).at(times)
@@ -352,15 +351,9 @@ def segment(name, start_s, rows):
 def reader(monkeypatch):
     """Put segments where the readers of files would give them; returns the list to fill."""
     segments = []
-    for name, function, body in [
-        ("warpsim.exchange", "none", None),
-        ("warpsim.exchange.source", "read_source", lambda path: SimpleNamespace(data=b"rows")),
-        ("warpsim.exchange.read_files", "attitude_of", lambda source: segments),
-        ("warpsim.orbit.earth", "attitude_in_gcrs", lambda segment, epoch: (segment.time_s, segment.quaternion, None)),
-    ]:
-        module = ModuleType(name)
-        setattr(module, function, body)
-        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr("warpsim.target.from_file.read_source", lambda path: SimpleNamespace(data=b"rows"))
+    monkeypatch.setattr("warpsim.exchange.read_files.attitude_of", lambda source: segments)
+    monkeypatch.setattr("warpsim.orbit.earth.attitude_in_gcrs", lambda one, epoch: (one.time_s, one.quaternion, None))
     return segments
 
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import warpsim as ws
 from warpsim.constants import STEFAN_BOLTZMANN_W_M2_K4
-from warpsim.target.attitude import BodyMotion, attitude_frame
+from warpsim.target.attitude import body_motion
 from warpsim.target.cooling import ERROR_K, ThermalNodes, integrate
 from warpsim.target.heat_balance import LumpedNode, mean_view_factor
 from warpsim.target.rotating_area import RotatingArea, commensurate_turns, steady_area
@@ -184,7 +184,7 @@ MOTIONS = {
 
 def motions(fields, n):
     attitude = ws.Attitude(axis="random", **fields)
-    return [BodyMotion(attitude, attitude_frame(attitude, np.ones(3), 7, body)) for body in range(n)]
+    return [body_motion(attitude, np.ones(3), 7, body) for body in range(n)]
 
 
 def directions(*shape):
@@ -207,15 +207,15 @@ def mean_area(shape, body, time_s, direction, span_s):
     if body_kind(rates, span_s) == "both":
         azimuth, polar = (x.ravel() for x in np.meshgrid(u, u))
     elif body_kind(rates, span_s) == "in-step":
-        azimuth = 3 * u + body.frame.precession_phase_rev
-        polar = u + body.frame.rolling_phase_rev
+        azimuth = 3 * u + body.precession_phase_rev
+        polar = u + body.rolling_phase_rev
     else:
         azimuth, polar = (
-            u if abs(rate) * span_s > 100 else rate * time_s + getattr(body.frame, f"{name}_phase_rev") + 0 * u
+            u if abs(rate) * span_s > 100 else rate * time_s + getattr(body, f"{name}_phase_rev") + 0 * u
             for name, rate in rates.items()
         )
     angles = np.stack([2 * np.pi * azimuth, 2 * np.pi * polar + np.radians(motion.precession_angle_deg)], axis=1)
-    reference, first, second = body.frame.axes
+    reference, first, second = body.axes
     frame = Rotation.from_matrix(np.column_stack([first, second, reference]))
     return area_along(shape, frame * Rotation.from_euler("ZY", angles), direction).mean()
 

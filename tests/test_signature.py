@@ -18,7 +18,7 @@ from warpsim.radiometry.sun_and_earth import sun_irradiance_w_m2
 from warpsim.render.buffers import new_area_series
 from warpsim.render.stages import aim, observe_targets
 from warpsim.render.target_field import earth_struct, motion_struct
-from warpsim.target.attitude import BodyMotion, attitude_frame
+from warpsim.target.attitude import body_motion
 from warpsim.target.earth_light import INFRARED_ERRORS
 
 SEED = 31415
@@ -48,7 +48,7 @@ def test_axes_of_the_kernel_are_the_hosts(device):
     attitude = ws.Attitude(
         spin_rev_s=4.9, precession_rev_s=1 / 3, precession_angle_deg=20.0, rolling_rev_s=-0.7, axis=(0.2, -0.5, 0.4)
     )
-    body = BodyMotion(attitude, attitude_frame(attitude, np.array([1.0, 2.0, 3.0]), SEED, 3))
+    body = body_motion(attitude, np.array([1.0, 2.0, 3.0]), SEED, 3)
     time_s = np.concatenate([[0.0, 0.5], np.random.default_rng(SEED).uniform(0, 1e6, 200)])
     out = wp.empty((2, len(time_s)), dtype=wp.mat33d, device=device)
     inputs = [motion_struct(body), wp.array(time_s, dtype=wp.float64, device=device)]

@@ -17,7 +17,7 @@ import warpsim as ws
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, SPEED_OF_LIGHT_M_S
 from warpsim.orbit.track import Track
 from warpsim.render.target_field import make_radiance
-from warpsim.target.attitude import attitude_frame
+from warpsim.target.attitude import body_motion
 
 SEED = 577215
 
@@ -254,7 +254,7 @@ def test_rolling_runs_along_a_great_circle(device):
 def test_attitude_frame_is_right_handed_and_seeded(axis):
     attitude = ws.Attitude(precession_rev_s=1.0, precession_angle_deg=5.0, rolling_rev_s=0.1, axis=axis)
     velocity = np.array([1000.0, -7000.0, 30.0])
-    settled = attitude_frame(attitude, velocity, 7, 3)
+    settled = body_motion(attitude, velocity, 7, 3)
     frame = settled.axes
     np.testing.assert_allclose(frame @ frame.T, np.eye(3), rtol=0, atol=1e-15 * 4)
     np.testing.assert_allclose(np.cross(frame[0], frame[1]), frame[2], rtol=0, atol=1e-15 * 4)
@@ -263,7 +263,7 @@ def test_attitude_frame_is_right_handed_and_seeded(axis):
         np.testing.assert_allclose(frame[0], wanted / np.linalg.norm(wanted), rtol=0, atol=1e-15)
     for phase in (settled.precession_phase_rev, settled.rolling_phase_rev, settled.spin_phase_rev):
         assert 0 < phase < 1
-    again, other = attitude_frame(attitude, velocity, 7, 3), attitude_frame(attitude, velocity, 7, 4)
+    again, other = body_motion(attitude, velocity, 7, 3), body_motion(attitude, velocity, 7, 4)
     np.testing.assert_array_equal(again.axes, frame)
     assert not np.allclose(other.axes[1], frame[1])
 

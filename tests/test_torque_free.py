@@ -13,7 +13,7 @@ import warpsim as ws
 from warpsim.output.check import scene_report
 from warpsim.quaternion import product, rotated, rotation_between_rad
 from warpsim.render.target_field import make_nutations, make_target_field, motion_struct
-from warpsim.target.attitude import attitude_frame, attitude_quaternion
+from warpsim.target.attitude import body_motion
 from warpsim.target.rotating_area import RotatingArea
 
 ROTATION_ATOL_RAD = 1e-9  # asked for over 1,000 rotations; the cubics are good to 1e-11
@@ -191,7 +191,7 @@ def test_symmetric_body_precesses_as_the_motion_does(moments):
     )  # fmt: skip
     times_s = np.linspace(0.0, 3000.0, 400)
     ours = Rotation.from_quat(free(moments, tuple(rate)).at(times_s))
-    theirs = Rotation.from_quat(attitude_quaternion(attitude, attitude_frame(attitude, np.ones(3), 0, 0), times_s))
+    theirs = Rotation.from_quat(body_motion(attitude, np.ones(3), 0, 0).at(times_s))
     # Phases apart, which are those of the start: about the momentum, and about the body's axis.
     reference = rotated(START, momentum) / np.linalg.norm(momentum)
     azimuth = [turned.apply([0.0, 0.0, 1.0])[0] for turned in (theirs, ours)]
