@@ -7,7 +7,8 @@ import warp as wp
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipkm1
-from warpsim_kernels import motion, torque_free
+from warpsim_kernels import motion
+from warpsim_kernels.timed_tables import torque_free_axes
 
 import warpsim as ws
 from warpsim.output.check import scene_report
@@ -254,7 +255,7 @@ def axes_kernel(
     time_s: wp.array[wp.float64], axes: wp.array[wp.mat33d],
 ):  # fmt: skip
     i = wp.tid()
-    axes[i] = torque_free.torque_free_axes(attitude, nodes, first, count, time_s[i])
+    axes[i] = torque_free_axes(attitude, nodes, first, count, time_s[i])
 
 
 def test_kernel_has_the_hosts_rotation(device):
