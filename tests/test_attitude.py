@@ -6,6 +6,8 @@ import mpmath
 import numpy as np
 import pytest
 import warp as wp
+from bodies import aspects_rad, emission_s
+from on_devices import launched
 from scipy.spatial.transform import Rotation, Slerp
 from warpsim_kernels import motion
 
@@ -16,7 +18,6 @@ from warpsim.streams import uniforms
 from warpsim.target.attitude import body_motion, turns
 
 SEED = 161803
-C_M_S = 299_792_458.0
 
 ANGLE_ATOL_RAD = 1e-9  # asked for after 1e6 s
 PHASE_ATOL_REV = 4e-16  # host: rounding of one addition and one fraction
@@ -139,11 +140,9 @@ def axis_kernel(attitude: motion.Attitude, time_s: wp.array[wp.float64], axis: w
 def test_body_z_is_the_kernels_symmetry_axis(device, fields):
     body = moving(fields)
     times = np.concatenate([LONG_TIMES_S, np.random.default_rng(SEED).uniform(0, 1e6, 2000)])
-    out = wp.empty(len(times), dtype=wp.vec3d, device=device)
-    inputs = [motion_struct(body), wp.array(times, dtype=wp.float64, device=device)]
-    wp.launch(axis_kernel, len(times), inputs=inputs, outputs=[out], device=device)
+    (axis,) = launched(axis_kernel, len(times), [motion_struct(body), times], [wp.vec3d], device)
     expected = quaternion.rotated(body.at(times), [0.0, 0.0, 1.0])
-    assert np.linalg.norm(out.numpy() - expected, axis=1).max() < 1e-13 < ANGLE_ATOL_RAD
+    assert np.linalg.norm(axis - expected, axis=1).max() < 1e-13 < ANGLE_ATOL_RAD
 
 
 def test_angular_velocity_is_the_right_handed_sum_of_the_three():
@@ -268,12 +267,10 @@ def test_aspect_is_that_of_the_scenes_body_axis_at_emission(scene, target):
     quick = scene.replace(frames={"count": 40, "interval_s": 0.037, "start_s": 1600.0})
     rows = ws.Renderer(quick, device="cpu").render(range(40), ["sat11"], ["A"]).truth
     rows = rows[rows["target"] == target]
-    emitted_s = np.array(rows["time_s"] - rows["range_km"] * 1e3 / C_M_S)
-    sight = quick.position_m("sat11", np.array(rows["time_s"])) - quick.position_m(target, emitted_s)
-    axis = quick.scenario.body_axis(target, emitted_s)
-    aspect = np.arctan2(np.linalg.norm(np.cross(axis, sight), axis=1), np.sum(axis * sight, axis=1))
+    aspect = aspects_rad(quick, target, rows)
     np.testing.assert_allclose(np.radians(rows["aspect_deg"]), aspect, rtol=0, atol=ASPECT_ATOL_RAD)
-    turned = Rotation.from_quat(quick.scenario.attitude_quaternion(target, emitted_s))
+    turned = Rotation.from_quat(quick.scenario.attitude_quaternion(target, emission_s(rows)))
+    axis = quick.scenario.body_axis(target, emission_s(rows))
     np.testing.assert_allclose(turned.apply([0, 0, 1]), axis, rtol=0, atol=ROUNDING)
 
 

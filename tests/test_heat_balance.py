@@ -4,6 +4,8 @@ import itertools
 
 import numpy as np
 import pytest
+from bodies import unit_vectors
+from refusals import refused_in_one_line
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -188,8 +190,7 @@ def motions(fields, n):
 
 
 def directions(*shape):
-    vectors = np.random.default_rng(SEED).normal(size=(*shape, 3))
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return unit_vectors(SEED, *shape)
 
 
 def area_along(shape, rotation, direction):
@@ -532,9 +533,8 @@ def test_attitude_tables_are_followed(scene):
     ],
 )
 def test_bad_balances_are_refused_in_one_line(fields, message):
-    with pytest.raises(ws.InputError, match=message) as caught:
+    with refused_in_one_line(message):
         ws.HeatBalance(**({"start_k": 300.0, "mass_kg": 1.0, "heat_capacity_j_kg_k": 900.0} | fields))
-    assert "\n" not in str(caught.value)
 
 
 def test_units_of_quantities_are_honoured():
@@ -554,6 +554,5 @@ def test_units_of_quantities_are_honoured():
 def test_no_equilibrium_is_said(scene, fields, message):
     model = ws.HeatBalance("equilibrium", 1.0, 900.0, **(COEFFICIENTS | fields))
     orbit = low_orbit(scene, model, {}, SPHERE, duration_s=900.0)
-    with pytest.raises(ws.InputError, match=r"targets\[0\]\.temperature\." + message) as caught:
+    with refused_in_one_line(r"targets\[0\]\.temperature\." + message):
         orbit.scenario.temperature_k("main", 0.0)
-    assert "\n" not in str(caught.value)

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from bodies import CORNERS, TRIANGLES
 
 import warpsim as ws
 
@@ -17,11 +18,7 @@ RADIANCE_RTOL = 1e-7  # of the table of radiances, at half the scene's lowest te
 EXPOSED_RTOL = 1e-4  # a box turns faces into view and light during any exposure
 SEED = 7
 
-BOX = ws.Mesh(
-    vertices_m=[(x, y, z) for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.5, 0.5)],
-    faces=[(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4),
-           (1, 5, 7), (1, 7, 3)],
-)  # fmt: skip
+BOX = ws.Mesh(vertices_m=CORNERS * [0.6, 0.4, 1.0], faces=TRIANGLES)
 MOTION = ws.Attitude(0.7, 0.4, 20.0, 0.3, (0.2, -0.5, 0.4))
 TABLE = ws.AttitudeTable(time_s=[0.0, 900.0, 1600.0], quaternion=[(0, 0, 0, 1), (0.6, 0, 0, 0.8), (0, 0.8, 0, 0.6)])
 WARM = ws.TemperatureTable(time_s=[0.0, 700.0, 1600.0], temperature_k=[300.0, 340.0, 310.0])
