@@ -37,18 +37,21 @@ TIMES = np.linspace(100.0, 1500.0, 36)
 SENSORS = ["sat11", "sat47"]
 
 
+def in_sunlight(scene, bodies):
+    """Bodies by name: shape, attitude, temperature, reflectance, patches; no term of light left out."""
+    targets = [
+        ws.TargetSpec(name, shape, ws.Graybody(reflectance=rho), temperature, attitude, patches=patches)
+        for name, (shape, attitude, temperature, rho, *patches) in bodies.items()
+    ]
+    return scene.replace(
+        epoch_utc="2025-03-20T06:00:00", sky__catalog="none", duration_s=1600.0, frames__count=100,
+        groups=[dataclasses.replace(scene.groups[0], targets=targets)], lighting=ws.Lighting(leave_out_nei=0.0),
+    ).scenario  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def day(scene):
-    """Bodies of all kinds in sunlight, no term of light left out."""
-    targets = [
-        ws.TargetSpec(name, shape, ws.Graybody(reflectance=reflectance), temperature, attitude)
-        for name, (shape, attitude, temperature, reflectance) in BODIES.items()
-    ]
-    bodies = dataclasses.replace(scene.groups[0], targets=targets)
-    return scene.replace(
-        epoch_utc="2025-03-20T06:00:00", sky__catalog="none", duration_s=1600.0, frames__count=100, groups=[bodies],
-        lighting=ws.Lighting(leave_out_nei=0.0),
-    ).scenario  # fmt: skip
+    return in_sunlight(scene, BODIES)
 
 
 def terms_of(day, **terms):

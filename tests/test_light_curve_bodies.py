@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_light_curve import BOX, MOTION, SENSORS, SLOPE_RTOL, SLOPED, TIMES, random_sets, worst_slopes
+from test_light_curve import BOX, MOTION, SENSORS, SLOPE_RTOL, SLOPED, TIMES, in_sunlight, random_sets, worst_slopes
 
 import warpsim as ws
 from warpsim.render.information import LEAST_COLUMN, information_of
@@ -23,25 +23,19 @@ TILT = {
     "axis_ra_deg", "axis_dec_deg",
 }  # fmt: skip
 FREE = ws.TorqueFree(moments=(1.0, 1.7, 2.2), rates_deg_s=(20.0, 3.0, 9.0), quaternion=(0.1, 0.1, 0.7, 0.7))
+WARMING = ws.Temperature(300.0, 320.0)
 BODIES = {
-    "striped": (ws.Sphere(0.5), MOTION, 0.3, (STRIPE,)),
-    "patched": (ws.Cone(0.25, 1.0), MOTION, 0.5, (STRIPE, CAP)),
-    "wave": (ws.Cylinder(0.25, 1.0), MOTION, SLOPED, (STRIPE,)),
-    "free": (BOX, FREE, 0.6, ()),
-    "flat": (ws.Cylinder(0.5, 0.1), FREE, 0.6, (STRIPE,)),
+    "striped": (ws.Sphere(0.5), MOTION, WARMING, 0.3, STRIPE),
+    "patched": (ws.Cone(0.25, 1.0), MOTION, WARMING, 0.5, STRIPE, CAP),
+    "wave": (ws.Cylinder(0.25, 1.0), MOTION, WARMING, SLOPED, STRIPE),
+    "free": (BOX, FREE, WARMING, 0.6),
+    "flat": (ws.Cylinder(0.5, 0.1), FREE, WARMING, 0.6, STRIPE),
 }
 
 
 @pytest.fixture(scope="module")
 def day(scene):
-    targets = [
-        ws.TargetSpec(name, shape, ws.Graybody(reflectance=rho), ws.Temperature(300.0, 320.0), motion, patches=patches)
-        for name, (shape, motion, rho, patches) in BODIES.items()
-    ]
-    return scene.replace(
-        epoch_utc="2025-03-20T06:00:00", sky__catalog="none", duration_s=1600.0, frames__count=100,
-        groups=[dataclasses.replace(scene.groups[0], targets=targets)], lighting=ws.Lighting(leave_out_nei=0.0),
-    ).scenario  # fmt: skip
+    return in_sunlight(scene, BODIES)
 
 
 @pytest.mark.parametrize("name", BODIES)
