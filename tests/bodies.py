@@ -46,6 +46,18 @@ def emission_s(rows):
     return np.array(rows["time_s"] - rows["range_km"] * 1e3 / 299_792_458.0)
 
 
+def sight_m(scene, target, row):
+    """Place of a target when the light of a row of truth left, and the way from there to the sensor."""
+    place_m = scene.position_m(target, [emission_s(row)])[0]
+    return place_m, scene.position_m(row["sensor"], [row["time_s"]])[0] - place_m
+
+
+def ground_m(up, pole):
+    """Radius of the ellipsoid along a direction from the Earth's centre."""
+    sine2 = (up @ pole) ** 2
+    return 1 / np.sqrt((1 - sine2) / 6_378_137.0**2 + sine2 / 6_356_752.314245**2)
+
+
 def aspects_rad(scene, target, rows):
     """Angles between a target's axis, when the light left, and the sight to the sensors of its rows of truth."""
     observer = np.stack([scene.position_m(row["sensor"], row["time_s"])[0] for row in rows])

@@ -83,13 +83,10 @@ def largest_m2(shape):
 def areas(kernel, table, dtype, shape, vectors, limb_sine, device):
     """Areas by a kernel over geometries."""
     rows = np.broadcast_shapes(*(np.shape(vector)[:-1] for vector in vectors), np.shape(limb_sine), (1,))
-    arrays = [wp.array(np.broadcast_to(v, (*rows, 3)), dtype=wp.vec3d, device=device) for v in vectors]
-    sines = wp.array(np.broadcast_to(limb_sine, rows), dtype=wp.float64, device=device)
+    arrays = [np.broadcast_to(limb_sine, rows), *(np.broadcast_to(vector, (*rows, 3)) for vector in vectors)]
     own = facets_of([shape], device)
-    inputs = [wp.array(table, dtype=dtype, device=device), body_struct(shape, own.first[0]), own.facets, sines]
-    area = wp.empty_like(sines)
-    wp.launch(kernel, rows, inputs=[*inputs, *arrays], outputs=[area], device=device)
-    return area.numpy()
+    inputs = [wp.array(table, dtype=dtype, device=device), body_struct(shape, own.first[0]), own.facets, *arrays]
+    return launched(kernel, rows, inputs, [wp.float64], device)[0]
 
 
 @wp.kernel(enable_backward=False)

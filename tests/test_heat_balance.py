@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from bodies import unit_vectors
+from bodies import ground_m, unit_vectors
 from refusals import refused_in_one_line
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
@@ -323,9 +323,7 @@ def oracle(scene, name, model, area_of, start_k, begin_s=0.0):
         d = sun - place
         far = np.sqrt(d @ d)
         r = np.sqrt(place @ place)
-        sine = place @ pole / r
-        ground = 1 / np.sqrt((1 - sine**2) / 6_378_137.0**2 + sine**2 / 6_356_752.314245**2)
-        cap_sr = 2 * np.pi * (1 - np.cos(np.arcsin(ground / r)))
+        cap_sr = 2 * np.pi * (1 - np.cos(np.arcsin(ground_m(place / r, pole) / r)))
         flux = SUN_W_M2 / (far / AU_M) ** 2
         lit = scene.scenario.sunlit_fraction(name, t)[0]
         sun_w = flux * lit * area_of(t, d / far)

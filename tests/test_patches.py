@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bodies import emission_s, ends_m, unit_vectors
+from bodies import emission_s, ends_m, sight_m, unit_vectors
 from on_devices import target_field
 from scipy.spatial.transform import Rotation
 
@@ -170,9 +170,7 @@ def test_emission_and_sunlight_are_those_of_fine_facets(device):
     piece = np.concatenate([part[1] for part in whole])
     own_normal, own_piece = fine_facets(shape, **part)
     for row in truth:
-        emitted_s = emission_s(row)
-        place = scene.scenario.position_m("body", [emitted_s])[0]
-        view = scene.scenario.position_m(row["sensor"], [row["time_s"]])[0] - place
+        emitted_s, (place, view) = emission_s(row), sight_m(scene, "body", row)
         sun = scene.scenario.position_m("sun", [emitted_s])[0] - place
         back = Rotation.from_quat(scene.scenario.attitude_quaternion("body", [emitted_s])[0]).inv()
         view_body = back.apply(view / np.linalg.norm(view))

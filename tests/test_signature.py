@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from astropy import units as u
-from bodies import CORNERS, TRIANGLES, emission_s, facets
+from bodies import CORNERS, TRIANGLES, emission_s, facets, ground_m, sight_m
 from on_devices import arrays_of_views, device_bodies, launched, target_field
 from scipy.spatial.transform import Rotation
 from warpsim_kernels import motion
@@ -97,9 +97,7 @@ def test_reflected_sunlight_is_that_of_a_mesh(day, device, target, record_accura
     normal, area = facets(spec.shape, 2000, 500)
     assert np.all(rows["sunlit_fraction"] == 1)
     for row in rows[~rows["occulted"]]:
-        emitted_s = emission_s(row)
-        place = day.position_m(target, [emitted_s])[0]
-        view = day.position_m(row["sensor"], [row["time_s"]])[0] - place
+        emitted_s, (place, view) = emission_s(row), sight_m(day, target, row)
         sun = day.position_m("sun", [emitted_s])[0] - place
         turned = Rotation.from_quat(day.scenario.attitude_quaternion(target, [emitted_s])[0]).apply(normal)
         lit = np.maximum(turned @ view / np.linalg.norm(view), 0) * np.maximum(turned @ sun / np.linalg.norm(sun), 0)
@@ -137,13 +135,10 @@ def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target, reco
     normal, area = facets(spec.shape, 2000, 500)
     pole = day.scenario.tracks.pole_icrs
     for row in rows:
-        emitted_s = emission_s(row)
-        place = day.position_m(target, [emitted_s])[0]
-        view = day.position_m(row["sensor"], [row["time_s"]])[0] - place
+        emitted_s, (place, view) = emission_s(row), sight_m(day, target, row)
         distance = np.linalg.norm(place)
         up = place / distance
-        a, b = 6378137.0, 6378137.0 * (1 - 1 / 298.257223563)
-        radius = 1 / np.sqrt((1 - (up @ pole) ** 2) / a**2 + (up @ pole) ** 2 / b**2)
+        radius = ground_m(up, pole)
         turned = Rotation.from_quat(day.scenario.attitude_quaternion(target, [emitted_s])[0]).apply(normal)
         factor = view_factors(-turned @ up, distance / radius)
         kelvin = {"A": 275.0, "E": 260.0}[row["band"]]
@@ -170,8 +165,7 @@ def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device, record_acc
     distance, au = np.linalg.norm(place), np.linalg.norm(sun - place) / 149597870700.0
     pole = day.scenario.tracks.pole_icrs
     up = place / distance
-    a, b = 6378137.0, 6378137.0 * (1 - 1 / 298.257223563)
-    radius = 1 / np.sqrt((1 - (up @ pole) ** 2) / a**2 + (up @ pole) ** 2 / b**2)
+    radius = ground_m(up, pole)
     # Patches of ground on rings of equal area about the point below, as far as the horizon.
     n = 400
     cosine = 1 - (np.arange(n) + 0.5) / n * (1 - radius / distance)
