@@ -8,21 +8,18 @@ zodiacal light and the nodes of a view, coarser and finer, against the model its
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
 import statistics
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import warpsim as ws
+from benchmarks.programs import parser_of, processor_s, write_or_print
 from warpsim.background.zodiacal import ECLIPTIC_AXES, band_light, zodiacal_radiance_w_cm2_sr
 from warpsim.constants import ASTRONOMICAL_UNIT_M
 from warpsim.render import background
-from warpsim.speed.work import speed_work
+from warpsim.speed.work import render_call, speed_work
 
 ROUNDS = 9
 STRAY = {"angle_deg": [0, 10, 30, 60, 90, 180], "ratio_sr": [1e-1, 1e-3, 1e-5, 1e-6, 1e-7, 1e-8]}
@@ -54,9 +51,7 @@ def us_an_image(work: Any, scenes: dict[str, ws.Scene]) -> dict[str, float]:
     times: dict[str, list[float]] = {name: [] for name in scenes}
     for number in range(ROUNDS + 2):
         for name, renderer in renderers.items():
-            before = time.process_time()
-            renderer.render(work.frames(number), sensors=work.sensors, bands=["A"]).counts.numpy()
-            times[name].append(1e6 * (time.process_time() - before) / work.n_view)
+            times[name].append(1e6 * processor_s(render_call, work, renderer, number) / work.n_view)
     return {name: statistics.median(values[2:]) for name, values in times.items()}
 
 
@@ -73,13 +68,9 @@ def errors() -> list[dict[str, float]]:
             before = time.perf_counter()
             frames = renderer.render([0], sensors=names, bands="A", keep_signal=True)
             first_s = time.perf_counter() - before
-            times = []
-            for _ in range(ROUNDS):
-                before = time.process_time()
-                renderer.render([0], sensors=names, bands="A")
-                times.append(1e6 * (time.process_time() - before) / len(names))
-            found.append({"nodes": n_node, "per_cell": per_cell, "first_s": first_s, "us": statistics.median(times),
-                          "error": error_of(frames)})  # fmt: skip
+            again_s = statistics.median(processor_s(renderer.render, [0], names, "A") for _ in range(ROUNDS))
+            cost = {"first_s": first_s, "us": 1e6 * again_s / len(names)}
+            found.append({"nodes": n_node, "per_cell": per_cell, **cost, "error": error_of(frames)})
     return found
 
 
@@ -106,12 +97,8 @@ def error_of(frames: Any) -> float:
 
 def main() -> None:
     """Measure, and print the result or write it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    options = parser_of(__doc__).parse_args()
     found = {
-        "command": "python -m benchmarks.background_cost",
-        "n_cpu": len(os.sched_getaffinity(0)),
         "us_an_image": {
             f"{n_pixel}{', straight down' if down else ''}": costs(n_pixel, down)
             for n_pixel in (128, 1024)
@@ -119,10 +106,7 @@ def main() -> None:
         },
         "grids": errors(),
     }
-    text = json.dumps(found, indent=1) + "\n"
-    if options.json:
-        options.json.write_text(text)
-    print(text)
+    write_or_print("python -m benchmarks.background_cost", found, options.json)
 
 
 if __name__ == "__main__":

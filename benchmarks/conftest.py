@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from benchmarks.devices import benchmark_devices
+from warpsim.render.renderer import Renderer
+from warpsim.speed.work import SpeedWork, render_call
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -25,6 +29,22 @@ def pytest_configure(config: pytest.Config) -> None:
 def resident(request: pytest.FixtureRequest) -> bool:
     """Whether counts stay on the device, instead of being copied to host memory in every timed call."""
     return bool(request.config.getoption("--resident"))
+
+
+@pytest.fixture
+def us_per_image(benchmark: Any) -> Callable[..., float | None]:
+    """Function of work and a renderer: median time of an image, other frames in each call; None where disabled."""
+
+    def measured(
+        work: SpeedWork, renderer: Renderer, resident: bool = False, rounds: int = 7, warmup_rounds: int = 1
+    ) -> float | None:
+        calls = itertools.count()
+        benchmark.pedantic(
+            lambda: render_call(work, renderer, next(calls), resident), rounds=rounds, warmup_rounds=warmup_rounds
+        )
+        return None if benchmark.stats is None else benchmark.stats.stats.median / work.n_view * 1e6
+
+    return measured
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

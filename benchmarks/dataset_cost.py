@@ -10,20 +10,15 @@ renderer for its scene. Each data set has a seed of its own, so that no sequence
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import os
 import statistics
 import tempfile
-import time
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import warp as wp
 
 import warpsim as ws
-from benchmarks.programs import write_or_print
+from benchmarks.programs import parser_of, processor_name, processor_s, write_or_print
 from warpsim.dataset.layout import draw_sequence
 
 ROUNDS, FEW, MANY, N_FRAME = 5, 2, 8, 257
@@ -42,18 +37,16 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 
-def cpu_ms(work: Callable[[], Any]) -> float:
-    """Processor time of the process [ms]."""
-    before = time.process_time()
-    work()
-    return 1e3 * (time.process_time() - before)
-
-
 def written_ms(given: dict[str, Any], n_sequence: int, n_frame: int) -> float:
     """Processor time of writing a data set [ms]."""
     recipe = ws.Recipe("stss", n_sequence=n_sequence, n_frame=n_frame, seed=next(SEEDS), **given)
     with tempfile.TemporaryDirectory() as folder:
-        return cpu_ms(lambda: ws.write_dataset(recipe, f"{folder}/data", n_worker=1, device="cpu"))
+        return 1e3 * processor_s(ws.write_dataset, recipe, f"{folder}/data", n_worker=1, device="cpu")
+
+
+def first_image(renderer: ws.Renderer, scene: ws.Scene, sensors: Any) -> None:
+    """Make a renderer for a scene, and an image."""
+    renderer.with_scene(scene).render([0], sensors).counts.numpy()
 
 
 def costs(given: dict[str, Any]) -> dict[str, float]:
@@ -68,29 +61,19 @@ def costs(given: dict[str, Any]) -> dict[str, float]:
         many = (written_ms(given, MANY, N_FRAME) - written_ms(given, FEW, N_FRAME)) / (MANY - FEW)
         found["sequence_ms"].append(one)
         found["frame_ms"].append((many - one) / (N_FRAME - 1))
-        drawn: list[Any] = []
-        found["draw_ms"].append(cpu_ms(lambda drawn=drawn, n=number: drawn.append(draw_sequence(recipe, n))))
-        scene, sensors = drawn[0].scene, drawn[0].sensors
-        found["prepare_ms"].append(
-            cpu_ms(lambda scene=scene, sensors=sensors: renderer.with_scene(scene).render([0], sensors).counts.numpy())
-        )
+        found["draw_ms"].append(1e3 * processor_s(draw_sequence, recipe, number))
+        drawn = draw_sequence(recipe, number)
+        found["prepare_ms"].append(1e3 * processor_s(first_image, renderer, drawn.scene, drawn.sensors))
     return {name: round(statistics.median(values), 2) for name, values in found.items()}
 
 
 def main() -> None:
     """Measure, and print the result or write it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    options = parser_of(__doc__).parse_args()
     wp.config.log_level = wp.LOG_ERROR
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
-    found: dict[str, Any] = {
-        "command": "python -m benchmarks.dataset_cost",
-        "n_cpu": os.cpu_count(),
-        "cpu": next((line.split(":")[1].strip() for line in lines if "model name" in line), ""),
-        "by_what_is_drawn": {name: costs(given) for name, given in CASES.items()},
-    }
-    write_or_print(found, options.json)
+    by_what_is_drawn = {name: costs(given) for name, given in CASES.items()}
+    found = {"cpu": processor_name(), "by_what_is_drawn": by_what_is_drawn}
+    write_or_print("python -m benchmarks.dataset_cost", found, options.json)
 
 
 if __name__ == "__main__":

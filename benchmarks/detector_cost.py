@@ -7,14 +7,11 @@ Images of 100 stars in band A with each, by turns with a detector without them, 
 
 from __future__ import annotations
 
-import argparse
-import os
-from pathlib import Path
 from typing import Any
 
 import warpsim as ws
 from benchmarks.background_cost import us_an_image
-from benchmarks.programs import write_or_print
+from benchmarks.programs import parser_of, write_or_print
 from warpsim.detector.artifacts import hit_area
 from warpsim.speed.work import speed_work
 
@@ -39,19 +36,13 @@ def changes(n_pixel: int) -> dict[str, dict[str, Any]]:
 
 def main() -> None:
     """Measure, and print the result or write it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    found: dict[str, Any] = {
-        "command": "python -m benchmarks.detector_cost",
-        "n_cpu": os.cpu_count(),
-        "us_an_image": {},
-    }
+    options = parser_of(__doc__).parse_args()
+    us: dict[str, dict[str, float]] = {}
     for n_pixel in (128, 1024):
         work = speed_work(n_pixel, 100, 1, "gaussian")
         scenes = {name: work.scene.replace(**change) for name, change in changes(n_pixel).items()}
-        found["us_an_image"][str(n_pixel)] = us_an_image(work, scenes)
-    write_or_print(found, options.json)
+        us[str(n_pixel)] = us_an_image(work, scenes)
+    write_or_print("python -m benchmarks.detector_cost", {"us_an_image": us}, options.json)
 
 
 if __name__ == "__main__":

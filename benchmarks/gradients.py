@@ -8,18 +8,15 @@ thread, and 10,000 sets on all cores; medians of 5. Processor time is that of al
 
 from __future__ import annotations
 
-import argparse
-import os
 import time
 from collections.abc import Callable
-from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
 
 import warpsim as ws
-from benchmarks.programs import write_or_print
+from benchmarks.programs import parser_of, write_or_print
 
 PARAMETERS = (
     "precession_rev_s", "precession_phase_rev", "precession_angle_deg", "axis_ra_deg", "axis_dec_deg", "scale",
@@ -72,16 +69,15 @@ def measured(scene: ws.Scene, device: str) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, and print the result or write it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path)
+    parser = parser_of(__doc__)
     parser.add_argument("--device", default="cpu")
     options = parser.parse_args()
     scene = ws.Scene.load("stss").replace(**IN_SUNLIGHT)
-    found: dict[str, Any] = {"command": "python -m benchmarks.gradients", "n_cpu": os.cpu_count()}
+    found: dict[str, Any] = {}
     for name, terms in TERMS.items():
         lighting = ws.Lighting(**terms, leave_out_nei=0.0)
         found[name] = measured(scene.replace(lighting=lighting), options.device)
-    write_or_print(found, options.json)
+    write_or_print("python -m benchmarks.gradients", found, options.json)
 
 
 if __name__ == "__main__":

@@ -12,11 +12,8 @@ are fitted with Jacobian stamps.
 
 from __future__ import annotations
 
-import argparse
-import os
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -26,7 +23,7 @@ from scipy.optimize import least_squares
 
 import warpsim as ws
 from benchmarks.peers.pairs import is_installed
-from benchmarks.programs import write_or_print
+from benchmarks.programs import parser_of, processor_s, write_or_print
 from warpsim.optics.psf_bank import PsfBank, stamp_rule
 from warpsim.render.point_images import PointImages
 
@@ -41,9 +38,7 @@ def us_by_turns(*calls: Callable[[], Any]) -> list[float]:
     counts = []
     for call in calls:
         call()
-        start = time.process_time()
-        call()
-        counts.append(max(1, int(LEAST_S / N_ROUND / max(time.process_time() - start, 1e-7))))
+        counts.append(max(1, int(LEAST_S / N_ROUND / max(processor_s(call), 1e-7))))
     rounds: list[list[float]] = [[] for _ in calls]
     for _ in range(N_ROUND):
         for call, n, times in zip(calls, counts, rounds, strict=True):
@@ -175,10 +170,8 @@ def merged_pairs(separations_px: Sequence[float], n_draw: int, snr: float = 100.
 
 def main() -> None:
     """Measure, and print the result or write it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    found: dict[str, Any] = {"command": "python -m benchmarks.image_gradients", "n_cpu": os.cpu_count(), "us": {}}
+    options = parser_of(__doc__).parse_args()
+    found: dict[str, Any] = {"us": {}}
     for n_pixel in (128, 1024):
         for n_source in (100, 1000):
             name = f"{n_source} sources on {n_pixel} px"
@@ -188,7 +181,7 @@ def main() -> None:
                 found["us"][f"{name}, gaussian, ws.torch"] = torch_costs(n_pixel, n_source)
                 found["us"][f"{name}, gaussian, sdasim"] = sdasim_costs(n_pixel, n_source)
     found["merged_pairs"] = merged_pairs([3.0, 2.0, 1.5, 1.2, 1.0, 0.8, 0.6, 0.4], 150)
-    write_or_print(found, options.json)
+    write_or_print("python -m benchmarks.image_gradients", found, options.json)
 
 
 if __name__ == "__main__":

@@ -12,18 +12,16 @@ playwright and a chromium.
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import statistics
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import warpsim as ws
-from benchmarks.programs import write_or_print
+from benchmarks.programs import parser_of, write_or_print
 from warpsim.speed.work import BAND, speed_work
 
 RATE_HZ = 30.0
@@ -106,18 +104,13 @@ def offered(tab: Any, page: ws.View, n_turn: int, renderer: ws.Renderer, sensors
 
 def main() -> None:
     """Measure and write the result."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result there instead of printing it")
+    parser = parser_of(__doc__)
     parser.add_argument("--turns", type=int, default=3, metavar="N", help="of each case; medians are reported (3)")
     options = parser.parse_args()
     n_turn = options.turns
     from playwright.sync_api import sync_playwright
 
-    found: dict[str, Any] = {
-        "command": f"python -m benchmarks.live_browser --turns {n_turn}",
-        "n_turn": n_turn,
-        "n_cpu": os.cpu_count(),
-    }
+    found: dict[str, Any] = {"n_turn": n_turn}
     found["load_average_before"] = os.getloadavg()[0]  # of others on this machine
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=chromium_path(), args=FLAGS.split())
@@ -132,7 +125,7 @@ def main() -> None:
                 )
         found[f"offered, {N_SENSOR[-1]} sensors"] = on_page(browser, N_SENSOR[-1], n_turn, offered)
         browser.close()
-    write_or_print(found, options.json)
+    write_or_print(f"python -m benchmarks.live_browser --turns {n_turn}", found, options.json)
 
 
 def on_page(

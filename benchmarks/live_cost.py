@@ -8,14 +8,12 @@
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import time
-from pathlib import Path
 from typing import Any
 
 import warpsim as ws
-from benchmarks.programs import write_or_print
+from benchmarks.programs import parser_of, write_or_print
 from warpsim.speed.work import BAND, speed_work
 
 N_FRAME = 600
@@ -36,9 +34,7 @@ def seconds(renderer: ws.Renderer, sensors: list[str], page: ws.View | None, rat
 
 def main() -> None:
     """Measure by turns and write the result."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result there instead of printing it")
-    options = parser.parse_args()
+    options = parser_of(__doc__).parse_args()
     work = speed_work(128, 100, 20, n_frame=N_FRAME)
     renderer = ws.Renderer(work.scene, "cpu", catalog=work.catalog)
     found: dict[str, Any] = {}
@@ -58,7 +54,7 @@ def main() -> None:
                 "ratio": statistics.median(watched / alone for alone, watched in turns),
                 "shown_per_turn": shown / N_TURN,
             }
-    write_or_print(found, options.json)
+    write_or_print("python -m benchmarks.live_cost", found, options.json)
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ from warpsim_kernels.canvas import N_PAIR, PAIRS_PER_BLOCK
 from benchmarks.cubin import PACKAGES, Function, ToolMissingError, read_function, tool
 from benchmarks.frame_kernels import SCENES, FrameKernel, compiled, frame_kernels
 from benchmarks.loops import Loop, find_loops
-from benchmarks.tables.machine_code import machine_code_table
+from benchmarks.tables import machine_code_table
 
 ARCH = 90
 

@@ -5,15 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from benchmarks.tables.markdown import Case
+from benchmarks.tables import Case
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def plot_signatures(cases: list[Case], path: Path) -> None:
     """Draw time per observation against the error of the light, and the terms' cost beside it."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 4.5), layout="constrained")
+    figure = _figure(10, 4.5)
     left, right = figure.subplots(1, 2)
     for exposure_s in sorted({c["exposure_s"] for c in cases if c["kind"] == "error"}):
         points = sorted(
@@ -41,9 +49,7 @@ def plot_signatures(cases: list[Case], path: Path) -> None:
 
 def plot_star_query(cases: list[Case], path: Path) -> None:
     """Draw time per cone against the number of stars in the catalog."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7, 5), layout="constrained")
+    figure = _figure(7, 5)
     axes = figure.add_subplot()
     lines: dict[str, list[tuple[int, float]]] = {}
     for c in cases:
@@ -62,9 +68,7 @@ def plot_star_query(cases: list[Case], path: Path) -> None:
 
 def plot_deposit(cases: list[Case], path: Path) -> None:
     """Draw time per source against the error of the worst pixel: ways to find pixel fractions, stamps, streaks."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(16, 5), layout="constrained")
+    figure = _figure(16, 5)
     panels = {
         "fractions": "how pixel fractions are found",
         "stamps": "where stamps end",
@@ -95,9 +99,7 @@ def _line(case: Case) -> str:
 
 def plot_read_out(cases: list[Case], path: Path) -> None:
     """Draw time per pixel by the terms of the detector, and how far the noise is from what it should be."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 5), layout="constrained")
+    figure = _figure(9, 5)
     axes = figure.add_subplot()
     ordered = sorted(cases, key=lambda c: -c["ns_per_pixel"])
     axes.barh([c["detector"] for c in ordered], [c["ns_per_pixel"] for c in ordered])
@@ -111,9 +113,7 @@ def plot_read_out(cases: list[Case], path: Path) -> None:
 
 def plot_settings(cases: list[Case], path: Path) -> None:
     """Draw time per image against the error of the worst pixel, setting by setting."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(13, 5), layout="constrained")
+    figure = _figure(13, 5)
     left, right = figure.subplots(1, 2)
     images = [c for c in cases if "error_nei" in c]
     for setting in dict.fromkeys(c["setting"] for c in images):
@@ -136,10 +136,8 @@ def plot_settings(cases: list[Case], path: Path) -> None:
 
 def plot_scaling(cases: list[Case], path: Path) -> None:
     """Draw time per image against what grows."""
-    from matplotlib.figure import Figure
-
     names = list(dict.fromkeys(c["scaling"].partition(",")[0] for c in cases))
-    figure = Figure(figsize=(4.5 * len(names), 4), layout="constrained")
+    figure = _figure(4.5 * len(names), 4)
     for axes, name in zip(figure.subplots(1, len(names), squeeze=False)[0], names, strict=True):
         for scaling in dict.fromkeys(c["scaling"] for c in cases if c["scaling"].partition(",")[0] == name):
             group = [c for c in cases if c["scaling"] == scaling]
@@ -155,10 +153,8 @@ def plot_scaling(cases: list[Case], path: Path) -> None:
 
 def plot_peers(cases: list[Case], path: Path) -> None:
     """Draw how many times as fast as each peer, against image size, with quartiles."""
-    from matplotlib.figure import Figure
-
     psfs = [psf for psf in ("gaussian", "airy") if any(c["psf"] == psf for c in cases)]
-    figure = Figure(figsize=(6.5 * len(psfs), 6.5), layout="constrained")
+    figure = _figure(6.5 * len(psfs), 6.5)
     for axes, psf in zip(figure.subplots(1, len(psfs), squeeze=False)[0], psfs, strict=True):
         groups: dict[str, list[Case]] = {}
         for c in cases:
@@ -182,11 +178,9 @@ def plot_peers(cases: list[Case], path: Path) -> None:
 
 def plot_stages(cases: list[Case], path: Path) -> None:
     """Draw the fraction of each stage in the time of an image."""
-    from matplotlib.figure import Figure
-
     cases = sorted(cases, key=lambda c: (c["device"], c["psf"], c["n_star"], c["n_pixel"]), reverse=True)
     labels = [f"{c['n_pixel']}^2, {c['n_star']:,} stars, {c['psf']}, {c['device']}" for c in cases]
-    figure = Figure(figsize=(10, 1.5 + 0.35 * len(cases)), layout="constrained")
+    figure = _figure(10, 1.5 + 0.35 * len(cases))
     axes = figure.add_subplot()
     begin = [0.0] * len(cases)
     for name in cases[0]["stage_us"]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from scipy.special import erf, j1
+from scipy.special import erf
 
 import warpsim as ws
+from tests.psf_oracles import converged_airy_fraction
 
 
 def psf_error(psf: ws.PsfGaussian | ws.PsfAiry, device: str = "cpu") -> float:
@@ -24,29 +25,9 @@ def psf_error(psf: ws.PsfGaussian | ws.PsfAiry, device: str = "cpu") -> float:
 def pixel_fraction(psf: ws.PsfGaussian | ws.PsfAiry, x: float, y: float) -> float:
     """Fraction of a unit source in the pixel at offset (x, y)."""
     if isinstance(psf, ws.PsfAiry):
-        return sum(part * airy_fraction(radius, x, y) for radius, part in zip(psf.radii_px, psf.parts, strict=True))
+        return sum(
+            part * converged_airy_fraction(x, y, radius_px, psf.obscuration)
+            for radius_px, part in zip(psf.radii_px, psf.parts, strict=True)
+        )
     a = np.array([x - 0.5, x + 0.5, y - 0.5, y + 0.5]) / (psf.sigma_px * np.sqrt(2))
     return float((erf(a[1]) - erf(a[0])) * (erf(a[3]) - erf(a[2])) / 4)
-
-
-def airy_fraction(radius_px: float, x: float, y: float) -> float:
-    """Fraction of a unit Airy pattern of one wavelength in the pixel at offset (x, y)."""
-    node, weight = np.polynomial.legendre.leggauss(16)
-    # Panels no longer than the core is wide, bounded at the source, where the pattern bends most.
-    panels = [
-        np.unique(np.concatenate([np.linspace(c - 0.5, c + 0.5, 1 + int(np.ceil(4 / radius_px))), _inside(c)]))
-        for c in (x, y)
-    ]
-    axes = []
-    for edges in panels:
-        half = np.diff(edges) / 2
-        axes.append(((edges[:-1] + half)[:, None] + half[:, None] * node, half[:, None] * weight))
-    (xs, wx), (ys, wy) = ((p.ravel(), w.ravel()) for p, w in axes)
-    v = np.maximum(np.hypot(xs[None, :], ys[:, None]) * np.pi * 1.2196698912665045 / radius_px, 1e-12)
-    lambda_f = radius_px / 1.2196698912665045
-    brightness = np.pi / 4 / lambda_f**2 * (2 * j1(v) / v) ** 2
-    return float(wy @ brightness @ wx)
-
-
-def _inside(centre: float) -> list[float]:
-    return [0.0] if abs(centre) < 0.5 else []

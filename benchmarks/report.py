@@ -18,8 +18,7 @@ if __package__ in (None, ""):  # run as a script
     sys.path.insert(0, str(TOP))
 
 from benchmarks.pictures import picture_of  # noqa: E402
-from benchmarks.tables.known import tables_of  # noqa: E402
-from benchmarks.tables.markdown import Case, cases_of  # noqa: E402
+from benchmarks.tables import Case, cases_of, tables_of  # noqa: E402
 
 RESULTS = TOP / "benchmarks" / "results"
 ORDER = (

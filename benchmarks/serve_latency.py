@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
 import subprocess
 import sys
 import threading
@@ -25,7 +24,7 @@ from typing import Any
 import numpy as np
 
 import warpsim as ws
-from benchmarks.programs import write_or_print
+from benchmarks.programs import parser_of, processor_name, write_or_print
 from warpsim.serving.packet import HEADER
 from warpsim.speed.work import BAND, speed_work
 
@@ -65,14 +64,8 @@ def measured(pixels: int, n_sensor: int, rate_hz: float, over: str, duration_s: 
     options["wait_for"] = 4 if over == "zmq" else 0  # each subscribes to frames and to the scene
     with ws.FrameServer(renderer, range(n_frame), work.sensors, [BAND], **options) as server:
         source = server.address or server.ring
-        command = [
-            sys.executable,
-            "-m",
-            "benchmarks.serve_latency",
-            "--subscribe",
-            f"{source}",
-            f"{n_frame * n_sensor}",
-        ]
+        asked = ["--subscribe", f"{source}", f"{n_frame * n_sensor}"]
+        command = [sys.executable, "-m", "benchmarks.serve_latency", *asked]
         pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
         kept, killed = (subprocess.Popen(command, **pipes) for _ in range(2))
         while over == "ring" and not all(_has_mapped(child.pid, str(source)) for child in (kept, killed)):
@@ -94,15 +87,9 @@ def _has_mapped(pid: int, path: str) -> bool:
     return path in Path(f"/proc/{pid}/maps").read_text()
 
 
-def _processor() -> str:
-    lines = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
-    return lines[0].partition(": ")[2] if lines else platform.machine()
-
-
 def main() -> None:
     """Measure, and print the result or write it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path)
+    parser = parser_of(__doc__)
     parser.add_argument("--duration", type=float, default=DURATION_S, help="of each case [s]")
     parser.add_argument("--subscribe", nargs=2, metavar=("SOURCE", "N"), help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -111,9 +98,7 @@ def main() -> None:
         return
     is_first = os.sched_getscheduler(0) == os.SCHED_FIFO
     found: dict[str, Any] = {
-        "command": ("chrt -f 10 " if is_first else "") + "python -m benchmarks.serve_latency",
-        "processor": _processor(),
-        "n_cpu": os.cpu_count(),
+        "processor": processor_name(),
         "load_of_others": round(os.getloadavg()[0], 1),
         "duration_s": options.duration,
         "cases": {
@@ -122,7 +107,8 @@ def main() -> None:
             for over in ("zmq", "ring")
         },
     }
-    write_or_print(found, options.json)
+    command = ("chrt -f 10 " if is_first else "") + "python -m benchmarks.serve_latency"
+    write_or_print(command, found, options.json)
 
 
 if __name__ == "__main__":

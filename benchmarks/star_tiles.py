@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import statistics
 import subprocess
 import sys
@@ -22,6 +21,7 @@ from typing import Any
 import numpy as np
 
 import warpsim as ws
+from benchmarks.programs import parser_of, write_or_print
 
 ORDER = 4
 STARS_OF_A_SEED = 2_500_000
@@ -104,10 +104,9 @@ def measure(folder: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Write the folder unless it is there, measure, and print the result or write it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--n-star", type=int, default=100_000_000)
-    parser.add_argument("--json", type=Path)
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:
@@ -117,12 +116,8 @@ def main() -> None:
         write_folder(options.folder, options.n_star)
     command = [sys.executable, "-m", "benchmarks.star_tiles", str(options.folder), "--child"]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
-    found = {"command": "python -m benchmarks.star_tiles FOLDER", "n_cpu": len(os.sched_getaffinity(0))}
-    found |= json.loads(done.stdout.strip().splitlines()[-1])
-    text = json.dumps(found, indent=1) + "\n"
-    if options.json:
-        options.json.write_text(text)
-    print(text)
+    found = json.loads(done.stdout.strip().splitlines()[-1])
+    write_or_print("python -m benchmarks.star_tiles FOLDER", found, options.json)
 
 
 if __name__ == "__main__":

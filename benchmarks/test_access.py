@@ -41,7 +41,7 @@ def test_access(benchmark, n_satellite, rules):
     n, duration_s = (n_satellite, 86400.0) if full else (20, 6000.0)
     sensors, target, sun = orbits(n, duration_s)
     arguments = sensors, target.position_at_m, sun.position_at_m, RULES[rules], POLE, duration_s, STEP_S
-    found = benchmark.pedantic(access_intervals, args=arguments, rounds=5 if full else 1, warmup_rounds=int(full))
+    found = benchmark.pedantic(access_intervals, args=arguments, rounds=5, warmup_rounds=1)
     if benchmark.stats is None:
         return
     access_s = benchmark.stats.stats.median

@@ -13,7 +13,6 @@ at the worst of 2,000 random times.
 
 from __future__ import annotations
 
-import itertools
 import time
 from dataclasses import replace
 
@@ -22,7 +21,7 @@ import pytest
 
 import warpsim as ws
 from warpsim.orbit.node_steps import make_tracks
-from warpsim.speed.work import BAND, SpeedWork, render_call, speed_work
+from warpsim.speed.work import BAND, SpeedWork, speed_work
 
 N_CHECKED = 3
 """Frames whose images are compared."""
@@ -40,13 +39,7 @@ SETTINGS = {
     "optics.n_interval": ("airy", 1024, WIDE, (1, 2, 4, 6, 12), 32),
     "detector.streaks": ("gaussian", 256, EXPOSED, (False, True), True),
     "lighting.leave_out_nei": ("gaussian", 256, SUNLIT, (1000.0, 100.0, 10.0, 0.01), 0.0),
-    "lighting.quadrature_error": (
-        "gaussian",
-        256,
-        {**EXPOSED, **SUNLIT},
-        (0.1, 1e-2, 1e-3, 1e-4),
-        1e-5,
-    ),
+    "lighting.quadrature_error": ("gaussian", 256, {**EXPOSED, **SUNLIT}, (0.1, 1e-2, 1e-3, 1e-4), 1e-5),
 }
 CASES = [(name, value) for name, setting in SETTINGS.items() for value in setting[3]]
 
@@ -58,14 +51,6 @@ def changed(work: SpeedWork, changes: dict) -> SpeedWork:
     return replace(work, scene=scene, n_frame=n_frame)
 
 
-def timed(benchmark, work: SpeedWork, device: str) -> float | None:
-    """Microseconds per image; None where benchmarks are disabled."""
-    renderer, calls = ws.Renderer(work.scene, device, 1, work.catalog), itertools.count()
-    rounds = 7 if benchmark.enabled else 1
-    benchmark.pedantic(lambda: render_call(work, renderer, next(calls)), rounds=rounds, warmup_rounds=1)
-    return None if benchmark.stats is None else benchmark.stats.stats.median / work.n_view * 1e6
-
-
 def signal_nei(work: SpeedWork, device: str) -> np.ndarray:
     """Noiseless images of some frames, spread over all calls."""
     frames = np.linspace(0, 4 * work.n_frame - 1, N_CHECKED).astype(int).tolist()
@@ -75,17 +60,17 @@ def signal_nei(work: SpeedWork, device: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("name", "value"), CASES, ids=[f"{name}-{value}" for name, value in CASES])
-def test_setting(benchmark, name, value, device):
+def test_setting(benchmark, us_per_image, name, value, device):
     psf, n_pixel, changes, _, finest = SETTINGS[name]
     field = name.partition(",")[0].replace(".", "__")
     shape = (n_pixel, 100, None) if benchmark.enabled else (32, 5, 2)
     plain = changed(speed_work(shape[0], shape[1], psf=psf, n_frame=shape[2]), changes)
     work = changed(plain, {field: value})
-    us_per_image = timed(benchmark, work, device)
-    if us_per_image is not None:
+    us = us_per_image(work, ws.Renderer(work.scene, device, 1, work.catalog))
+    if us is not None:
         finest_work = changed(plain, {field: finest})
         error = np.abs(signal_nei(work, device) - signal_nei(finest_work, device)).max()
-        note(benchmark, device, name, value, us_per_image, error_nei=float(error), n_pixel=n_pixel)
+        note(benchmark, device, name, value, us, error_nei=float(error), n_pixel=n_pixel)
 
 
 @pytest.mark.parametrize("error_m", [1.0, 1e-1, 1e-2, 1e-3, 1e-4])
@@ -99,9 +84,7 @@ def test_track_nodes(benchmark, error_m):
         return orbit.states(epoch, time_s)
 
     names = [f"{row}" for row in range(orbit.n_satellite)]
-    make = benchmark.pedantic(
-        make_tracks, args=(names, state, duration_s, error_m), rounds=5 if full else 1, warmup_rounds=int(full)
-    )
+    make = benchmark.pedantic(make_tracks, args=(names, state, duration_s, error_m), rounds=5, warmup_rounds=1)
     if benchmark.stats is None:
         return
     time_s = np.sort(np.random.default_rng(7).uniform(0, duration_s, 2000))

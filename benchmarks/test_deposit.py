@@ -148,12 +148,18 @@ def timed(benchmark: Any, draw: Any, device: str) -> bool:
         wp.capture_launch(capture.graph)
         wp.synchronize_device(device)
 
-    benchmark.pedantic(launch, rounds=15 if benchmark.enabled else 1, warmup_rounds=1)
+    benchmark.pedantic(launch, rounds=15, warmup_rounds=1)
     return benchmark.stats is not None
 
 
-def ns_per_source(benchmark: Any, n_source: int = N_SOURCE) -> float:
-    return float(benchmark.stats.stats.median / n_source * 1e9)
+def note(
+    benchmark: Any, device: str, group: str, way: str, error: float, n_source: int = N_SOURCE, **more: float
+) -> None:
+    """Keep what was measured of a way to draw."""
+    ns_per_source = float(benchmark.stats.stats.median / n_source * 1e9)
+    benchmark.extra_info.update(
+        device=device, group=group, way=way, ns_per_source=ns_per_source, deposit_error=error, **more
+    )
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -164,13 +170,7 @@ def test_ways(benchmark, way, device):
     if timed(benchmark, Drawing(psf, accuracy, random_positions(N_SOURCE), rule).draw, device):
         kind, _, how = way.partition(", ")
         fine = stamp_rule([0.0], 1e-9, device)
-        benchmark.extra_info.update(
-            device=device,
-            group=f"{kind}, pixel fractions",
-            way=how,
-            ns_per_source=ns_per_source(benchmark),
-            deposit_error=worst_pixel(psf, accuracy, fine, reach=4),
-        )
+        note(benchmark, device, f"{kind}, pixel fractions", how, worst_pixel(psf, accuracy, fine, reach=4))
 
 
 def test_error_functions(benchmark, device):
@@ -184,13 +184,7 @@ def test_error_functions(benchmark, device):
             one = wp.array(position[None], dtype=wp.vec2d, device=device)
             draw_by_error_functions(one, irradiance[:1], SIGMA_PX, fine, image)
             worst = max(worst, error_near(image.numpy(), ws.PsfGaussian(SIGMA_PX), position, 4))
-        benchmark.extra_info.update(
-            device=device,
-            group="Gaussian, pixel fractions",
-            way="error functions",
-            ns_per_source=ns_per_source(benchmark),
-            deposit_error=worst,
-        )
+        note(benchmark, device, "Gaussian, pixel fractions", "error functions", worst)
 
 
 @pytest.mark.parametrize("n_source", [100, 1000, 10_000, 100_000])
@@ -199,13 +193,8 @@ def test_number_of_sources(benchmark, name, n_source, device):
     """Time grows with the number of sources, and with nothing else."""
     psf, rule = ws.PsfGaussian(SIGMA_PX) if name == "Gaussian" else AIRY, stamp_rule([0.0], 1e-3, device)
     if timed(benchmark, Drawing(psf, None, random_positions(n_source), rule).draw, device):
-        benchmark.extra_info.update(
-            device=device,
-            group=f"{name}, number of sources",
-            way=f"{n_source:,} sources",
-            ns_per_source=ns_per_source(benchmark, n_source),
-            deposit_error=worst_pixel(psf, None, rule),
-        )
+        error = worst_pixel(psf, None, rule)
+        note(benchmark, device, f"{name}, number of sources", f"{n_source:,} sources", error, n_source)
 
 
 @pytest.mark.parametrize("cut", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
@@ -217,14 +206,9 @@ def test_stamp_rules(benchmark, name, cut, device):
     if timed(benchmark, drawing.draw, device):
         fractions = [wp.empty((1, 1, N_SOURCE), dtype=wp.float32, device=device) for _ in range(2)]
         drawing.bank.measure_stamps(drawing.sources[1:], rule, fractions)
-        benchmark.extra_info.update(
-            device=device,
-            group=f"{name}, stamps",
-            way=f"cut at {cut:g} of the light per pixel",
-            ns_per_source=ns_per_source(benchmark),
-            deposit_error=worst_pixel(psf, None, rule),
-            left_out=float(1 - fractions[1].numpy().mean()),
-        )
+        error, left_out = worst_pixel(psf, None, rule), float(1 - fractions[1].numpy().mean())
+        way = f"cut at {cut:g} of the light per pixel"
+        note(benchmark, device, f"{name}, stamps", way, error, left_out=left_out)
 
 
 @pytest.mark.parametrize("error", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
@@ -232,13 +216,8 @@ def test_streaks(benchmark, error, device):
     psf, path_px = ws.PsfGaussian(SIGMA_PX), [(0.0, 0.0), (0.4 * STREAK_PX, 0.3 * STREAK_PX)]
     rule = stamp_rule([0.0], 1e-6, device, error)
     if timed(benchmark, Drawing(psf, None, random_positions(N_SOURCE), rule, path_px).draw, device):
-        benchmark.extra_info.update(
-            device=device,
-            group=f"Gaussian, streak of {STREAK_PX:g} px",
-            way=f"nodes for {error:g}",
-            ns_per_source=ns_per_source(benchmark),
-            deposit_error=worst_pixel(psf, None, stamp_rule([0.0], 1e-9, device, error), path_px),
-        )
+        worst = worst_pixel(psf, None, stamp_rule([0.0], 1e-9, device, error), path_px)
+        note(benchmark, device, f"Gaussian, streak of {STREAK_PX:g} px", f"nodes for {error:g}", worst)
 
 
 @pytest.mark.parametrize("n_source", [1000, 100_000])
@@ -260,10 +239,5 @@ def test_sums(benchmark, name, n_source, device):
         draw, values = (lambda: way.draw(xy_px, strength, rule)), way.values
     if timed(benchmark, draw, device):
         exact.draw(xy_px, strength, rule)
-        benchmark.extra_info.update(
-            device=device,
-            group=f"sums of {n_source:,} sources",
-            way=name,
-            ns_per_source=ns_per_source(benchmark, n_source),
-            deposit_error=float(np.abs(values() - exact.values()).max() / exact.values().max()),
-        )
+        error = float(np.abs(values() - exact.values()).max() / exact.values().max())
+        note(benchmark, device, f"sums of {n_source:,} sources", name, error, n_source)

@@ -9,6 +9,7 @@ on a busy machine they tell more than the wall clock.
 
 from __future__ import annotations
 
+import itertools
 import os
 import statistics
 
@@ -21,7 +22,6 @@ from benchmarks.first_frame import first_frame
 def test_first_frame(benchmark, tmp_path, kernels, device):
     if not benchmark.enabled and kernels == "cold":
         pytest.skip("the other case compiles them, too")
-    rounds = (5 if kernels == "cold" else 15) if benchmark.enabled else 1
     folder = tmp_path / "python"
     found: list[dict[str, float]] = []
     if benchmark.enabled or kernels == "warm":
@@ -30,7 +30,7 @@ def test_first_frame(benchmark, tmp_path, kernels, device):
     def one(number: int) -> None:
         found.append(first_frame(tmp_path / ("warm" if kernels == "warm" else f"cold{number}"), folder, device))
 
-    numbers = iter(range(rounds))
-    benchmark.pedantic(one, setup=lambda: ((next(numbers),), {}), rounds=rounds)
+    numbers = itertools.count()
+    benchmark.pedantic(one, setup=lambda: ((next(numbers),), {}), rounds=5 if kernels == "cold" else 15)
     steps = {step: statistics.median(each[step] for each in found) for step in found[0]}
     benchmark.extra_info.update(device=device, kernels=kernels, n_cpu=len(os.sched_getaffinity(0)), **steps)

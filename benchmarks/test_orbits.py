@@ -36,18 +36,15 @@ def test_propagate(benchmark, gravity, n_satellite):
     duration_s = DAY_S if full else 600.0
     start = starts(n_satellite if full else 2)
     time_s = np.arange(0.0, duration_s + 1.0, 30.0)
-    states = benchmark.pedantic(
-        propagate, args=(*start, time_s, gravity, POLE), rounds=5 if full else 1, warmup_rounds=int(full)
-    )
+    states = benchmark.pedantic(propagate, args=(*start, time_s, gravity, POLE), rounds=5, warmup_rounds=1)
     error_m = float(np.linalg.norm(states[0][-1, 0] - reference(gravity, duration_s)))
     note(benchmark, f"Chebyshev-Picard, {gravity}" if HARMONICS[gravity] else "closed form", n_satellite, error_m)
 
 
 @pytest.mark.parametrize("tolerance", [1e-9, 1e-12])
 def test_dop853(benchmark, tolerance):
-    full = benchmark.enabled
-    duration_s = DAY_S if full else 600.0
-    end_m = benchmark.pedantic(by_dop853, args=("j2", duration_s, tolerance), rounds=5 if full else 1)
+    duration_s = DAY_S if benchmark.enabled else 600.0
+    end_m = benchmark.pedantic(by_dop853, args=("j2", duration_s, tolerance), rounds=5)
     error_m = float(np.linalg.norm(end_m - reference("j2", duration_s)))
     note(benchmark, f"scipy DOP853, j2, rtol {tolerance:g}", 1, error_m)
 
@@ -56,13 +53,10 @@ def test_dop853(benchmark, tolerance):
 def test_sgp4(benchmark, n_satellite):
     from skyfield.api import EarthSatellite, load
 
-    full = benchmark.enabled
-    duration_s, n = (DAY_S, n_satellite) if full else (600.0, 2)
+    duration_s, n = (DAY_S, n_satellite) if benchmark.enabled else (600.0, 2)
     satellites = ws.TleSatellites(lines=[line for k in range(n) for line in renumbered(k)])
     epoch, time_s = utc_time("2025-06-01T00:00:00"), np.arange(0.0, duration_s + 1.0, 30.0)
-    states = benchmark.pedantic(
-        satellites.states, args=(epoch, time_s), rounds=5 if full else 1, warmup_rounds=int(full)
-    )
+    states = benchmark.pedantic(satellites.states, args=(epoch, time_s), rounds=5, warmup_rounds=1)
     timescale = load.timescale(builtin=True)
     tt = timescale.tt_jd(epoch.tt.jd1, epoch.tt.jd2 + time_s[-1] / DAY_S)
     end_m = EarthSatellite(*TLE, ts=timescale).at(tt).position.m

@@ -20,13 +20,9 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.peers.pairs import Pairs, is_installed, make_peer
+from benchmarks.peers.pairs import SMALL, compare, is_installed, make_peer
 from benchmarks.peers.work import peer_work
 from warpsim.speed.report import PAPER_FPS
-
-N_PAIR = 9
-SMALL = (32, 5, 2)
-"""Pixels, stars and frames when benchmarks are disabled: only to see that it runs."""
 
 
 @pytest.mark.parametrize("n_pixel", PAPER_FPS)
@@ -37,9 +33,6 @@ def test_peer_sdasim(benchmark, n_thread, n_star, n_pixel):
         pytest.skip("needs sdasim: pip install warpsim[peer-sdasim]")
     shape = (n_pixel, n_star, None) if benchmark.enabled else SMALL
     work = peer_work(shape[0], shape[1], "gaussian", n_frame=shape[2])
-    pairs = Pairs(work, make_peer("sdasim", work, n_thread or None), n_thread or None)
-    benchmark.pedantic(pairs.run, rounds=N_PAIR if benchmark.enabled else 1, warmup_rounds=0)
-    benchmark.extra_info.update(
-        peer="sdasim", one_thread=n_thread == 1, n_pixel=n_pixel, psf="gaussian", n_star=n_star, stamps="default",
-        device="cpu", **pairs.facts(),
-    )  # fmt: skip
+    peer = make_peer("sdasim", work, n_thread or None)
+    facts = {"n_pixel": n_pixel, "psf": "gaussian", "n_star": n_star, "stamps": "default"}
+    compare(benchmark, "sdasim", work, peer, n_thread, **facts)

@@ -18,13 +18,9 @@ import itertools
 
 import pytest
 
-from benchmarks.peers.pairs import PEERS, Pairs, is_installed, make_peer, peer_error_nei
+from benchmarks.peers.pairs import PEERS, SMALL, compare, is_installed, make_peer, peer_error_nei
 from benchmarks.peers.work import PSFS, STAMPS, peer_work
 from warpsim.speed.report import PAPER_FPS
-
-N_PAIR = 9
-SMALL = (32, 5, 2)
-"""Pixels, stars and frames when benchmarks are disabled: only to see that it runs."""
 
 # Peer, threads (0: all cores), stars, stamps.
 CASES = [
@@ -45,9 +41,4 @@ def test_peer(benchmark, name, n_thread, n_star, stamps, psf, n_pixel):
     peer = make_peer(name, work, n_thread or None)
     if stamps == "as exact":
         work = work.as_exact(peer_error_nei(work, peer))
-    pairs = Pairs(work, peer, n_thread or None)
-    benchmark.pedantic(pairs.run, rounds=N_PAIR if benchmark.enabled else 1, warmup_rounds=0)
-    benchmark.extra_info.update(
-        peer=name, one_thread=n_thread == 1, n_pixel=n_pixel, psf=psf, n_star=n_star, stamps=stamps, device="cpu",
-        **pairs.facts(),
-    )  # fmt: skip
+    compare(benchmark, name, work, peer, n_thread, n_pixel=n_pixel, psf=psf, n_star=n_star, stamps=stamps)

@@ -76,7 +76,7 @@ def test_saving(benchmark, monkeypatch, saving, n_pixel, device):
         np.testing.assert_array_equal(render_call(work, without, call), render_call(work, with_it, call))
     turns = [clocked(work, renderer, itertools.count(1)) for renderer in (with_it, without)]
     times: list[list[float]] = []
-    benchmark.pedantic(lambda: times.append([turn() for turn in turns]), rounds=N_TURN if benchmark.enabled else 1)
+    benchmark.pedantic(lambda: times.append([turn() for turn in turns]), rounds=N_TURN)
     median_us = np.median(times, axis=0) * 1e6
     low, ratio, high = np.percentile([b / a for a, b in times], [25, 50, 75])
     benchmark.extra_info |= {

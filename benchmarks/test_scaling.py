@@ -10,8 +10,6 @@ million stars take about 5 GB: leave them out with -k "not 10000000".
 
 from __future__ import annotations
 
-import inspect
-import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +17,7 @@ import numpy as np
 import pytest
 
 import warpsim as ws
-from warpsim.speed.work import BAND, SpeedWork, power_law_nei, render_call, speed_work, stage_times_us
+from warpsim.speed.work import BAND, SpeedWork, power_law_nei, speed_work, stage_times_us
 
 SKY_STARS = 10_000_000
 """Of the largest catalog, which covers the sky."""
@@ -27,17 +25,8 @@ SKY_STARS = 10_000_000
 MB = 2**20
 
 
-def timed(benchmark, work: SpeedWork, renderer: ws.Renderer) -> float | None:
-    """Microseconds per image; None where benchmarks are disabled."""
-    calls = itertools.count()
-    rounds = 7 if benchmark.enabled else 1
-    benchmark.pedantic(lambda: render_call(work, renderer, next(calls)), rounds=rounds, warmup_rounds=1)
-    return None if benchmark.stats is None else benchmark.stats.stats.median / work.n_view * 1e6
-
-
 def work_of(benchmark, n_pixel: int, n_star: int) -> SpeedWork:
-    small = {} if benchmark.enabled else {"n_frame": 2}
-    return speed_work(n_pixel, n_star, psf="gaussian", **small)
+    return speed_work(n_pixel, n_star, psf="gaussian", n_frame=None if benchmark.enabled else 2)
 
 
 def note(benchmark, scaling: str, x: float, us_per_image: float | None, device: str, **facts: Any) -> None:
@@ -48,26 +37,26 @@ def note(benchmark, scaling: str, x: float, us_per_image: float | None, device: 
 
 
 @pytest.mark.parametrize("n_pixel", [64, 128, 256, 512, 1024, 2048])
-def test_pixels(benchmark, n_pixel, device):
+def test_pixels(benchmark, us_per_image, n_pixel, device):
     work = work_of(benchmark, n_pixel, 100)
-    us = timed(benchmark, work, ws.Renderer(work.scene, device, 1, work.catalog))
+    us = us_per_image(work, ws.Renderer(work.scene, device, 1, work.catalog))
     note(benchmark, "pixels of an image", n_pixel**2, us, device)
 
 
 @pytest.mark.parametrize("n_star", [0, 100, 300, 1_000, 3_000, 10_000])
-def test_sources(benchmark, n_star, device):
+def test_sources(benchmark, us_per_image, n_star, device):
     work = work_of(benchmark, 256, n_star)
-    us = timed(benchmark, work, ws.Renderer(work.scene, device, 1, work.catalog))
+    us = us_per_image(work, ws.Renderer(work.scene, device, 1, work.catalog))
     note(benchmark, "sources in view", n_star + len(work.scene.target_names), us, device)
 
 
 @pytest.mark.parametrize("n_star", [10_000, 100_000, 1_000_000, SKY_STARS])
-def test_catalog(benchmark, n_star, device):
+def test_catalog(benchmark, us_per_image, n_star, device):
     full = benchmark.enabled
     work = work_of(benchmark, 128, 0)
     catalog = even_sky(work, n_star if full else n_star // 1000)
     work = replace(work, catalog=catalog, n_star=242)
-    us = timed(benchmark, work, ws.Renderer(work.scene, device, 1, catalog))
+    us = us_per_image(work, ws.Renderer(work.scene, device, 1, catalog))
     if us is not None:
         stage_us = stage_times_us(work, device)["gather_stars"]
         note(benchmark, "stars in the catalog", n_star, us, device, gather_stars_us=stage_us)
@@ -94,19 +83,10 @@ def even_sky(work: SpeedWork, n_star: int) -> ws.StarCatalog:
 
 @pytest.mark.parametrize("chunk_mb", [1, 2, 4, 8, 16, 32, 64])
 @pytest.mark.parametrize("n_pixel", [128, 1024])
-def test_chunk(benchmark, n_pixel, chunk_mb, device):
+def test_chunk(benchmark, us_per_image, n_pixel, chunk_mb, device):
     """Time and memory against the memory that a chunk may take."""
-    if "chunk_bytes" not in inspect.signature(ws.Renderer).parameters:
-        pytest.skip("this Renderer has chunks of one size only")
     work = work_of(benchmark, n_pixel, 100)
-    settings: dict[str, Any] = {"chunk_bytes": chunk_mb * MB}
-    renderer = ws.Renderer(work.scene, device, 1, work.catalog, **settings)
-    us = timed(benchmark, work, renderer)
-    note(
-        benchmark,
-        f"memory of a chunk [MB], {n_pixel} x {n_pixel}",
-        chunk_mb,
-        us,
-        device,
-        buffer_mb=renderer.buffer_bytes / MB,
-    )
+    renderer = ws.Renderer(work.scene, device, 1, work.catalog, chunk_bytes=chunk_mb * MB)
+    us = us_per_image(work, renderer)
+    scaling = f"memory of a chunk [MB], {n_pixel} x {n_pixel}"
+    note(benchmark, scaling, chunk_mb, us, device, buffer_mb=renderer.buffer_bytes / MB)

@@ -18,7 +18,7 @@ import warp as wp
 
 import warpsim as ws
 from warpsim.speed.report import PAPER_FPS
-from warpsim.speed.work import render_call, speed_work, stage_times_us
+from warpsim.speed.work import speed_work, stage_times_us
 
 # Pixels, stars in view, point spread function.
 CASES = [
@@ -28,14 +28,10 @@ CASES = [
 
 
 @pytest.mark.parametrize(("n_pixel", "n_star", "psf"), CASES)
-def test_stages(benchmark, n_pixel, n_star, psf, device, resident):
-    full = benchmark.enabled
-    work = speed_work(n_pixel, n_star, psf=psf, n_frame=None if full else 2)
-    renderer = ws.Renderer(work.scene, device, 1, work.catalog)
-    calls = itertools.count()
-    rounds = 7 if full else 1
-    benchmark.pedantic(lambda: render_call(work, renderer, next(calls), resident), rounds=rounds, warmup_rounds=1)
-    if benchmark.stats is None:
+def test_stages(benchmark, us_per_image, n_pixel, n_star, psf, device, resident):
+    work = speed_work(n_pixel, n_star, psf=psf, n_frame=None if benchmark.enabled else 2)
+    whole_us = us_per_image(work, ws.Renderer(work.scene, device, 1, work.catalog), resident)
+    if whole_us is None:
         return
     benchmark.extra_info.update(
         n_pixel=n_pixel,
@@ -46,5 +42,5 @@ def test_stages(benchmark, n_pixel, n_star, psf, device, resident):
         n_thread=1,
         resident=resident,
         stage_us=stage_times_us(work, device, n_round=7, resident=resident),
-        whole_us=benchmark.stats.stats.median / work.n_view * 1e6,
+        whole_us=whole_us,
     )

@@ -15,7 +15,6 @@ Ten million stars take about 6 GB and a few minutes: leave them out with -k "not
 """
 
 import functools
-import inspect
 from dataclasses import dataclass
 from typing import Any
 
@@ -100,8 +99,6 @@ def random_directions(n: int) -> np.ndarray:
 
 def make_index(catalog: ws.StarCatalog, method: str) -> ws.BandIndex:
     dtype, device = method.removeprefix("index ").split(", ")
-    if "dtype" not in inspect.signature(ws.BandIndex).parameters:
-        pytest.skip("this BandIndex has one kind of directions only")
     index = ws.BandIndex(catalog, device=device, dtype=np.dtype(dtype))
     wp.synchronize_device(device)
     return index
@@ -143,7 +140,7 @@ def test_query(benchmark, size, method):
     else:
         n_cone = min(n_cone, N_CONE_BRUTE)
         ask = functools.partial(brute_force, case, n_cone)
-    answer = benchmark.pedantic(ask, rounds=9 if benchmark.enabled else 1, warmup_rounds=1, iterations=1)
+    answer = benchmark.pedantic(ask, rounds=9, warmup_rounds=1, iterations=1)
 
     found = pairs_of(answer, n_star)
     right = case.pairs[case.pairs < n_cone * n_star]
@@ -153,12 +150,16 @@ def test_query(benchmark, size, method):
     facts = {"lost": lost, "extra": extra, "n_found": len(found), "n_right": len(right)}
     if index:
         facts |= index_facts(index, case, found)
+    facts |= {"n_cone": n_cone, "radius_deg": float(np.degrees(RADIUS_RAD))}
+    note(benchmark, "query", method, n_star, "us_per_cone", 1e6 / n_cone, **facts)
+
+
+def note(benchmark, kind: str, method: str, n_star: int, unit: str, per_s: float, **facts: float) -> None:
+    """Keep what was measured, its time in some unit."""
     if benchmark.stats is not None:
-        facts["us_per_cone"] = benchmark.stats.stats.median / n_cone * 1e6
-    benchmark.extra_info.update(
-        kind="query", method=method.split(",")[0], device=device_name(method), n_star=n_star, n_cone=n_cone,
-        radius_deg=float(np.degrees(RADIUS_RAD)), **facts,
-    )  # fmt: skip
+        facts[unit] = benchmark.stats.stats.median * per_s
+    device = wp.get_device(method.split(", ")[1]).name if is_index(method) else "host"
+    benchmark.extra_info.update(kind=kind, method=method.split(",")[0], device=device, n_star=n_star, **facts)
 
 
 def index_facts(index: ws.BandIndex, case: Case, found: np.ndarray) -> dict[str, float]:
@@ -219,12 +220,9 @@ def test_build(benchmark, size, method):
     catalog = case_of(n_star, n_cone).catalog
     build = cKDTree if method == "k-d tree" else functools.partial(make_index, method=method)
     argument = catalog.direction_icrs if method == "k-d tree" else catalog
-    made = benchmark.pedantic(build, args=(argument,), rounds=3 if benchmark.enabled else 1, warmup_rounds=0)
+    made = benchmark.pedantic(build, args=(argument,), rounds=3, warmup_rounds=0)
     assert (made.n if method == "k-d tree" else len(made)) == n_star
-    facts = {} if benchmark.stats is None else {"build_s": benchmark.stats.stats.median}
-    benchmark.extra_info.update(
-        kind="build", method=method.split(",")[0], device=device_name(method), n_star=n_star, **facts
-    )
+    note(benchmark, "build", method, n_star, "build_s", 1.0)
 
 
 @by_size
@@ -238,15 +236,12 @@ def test_fixed_density(benchmark, size, method):
     axis = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=1)
     radius = np.full(n_cone, RADIUS_RAD)
     ask = functools.partial(make_index(catalog, method).query_many, axis, radius)
-    start, rows = benchmark.pedantic(ask, rounds=15 if benchmark.enabled else 1, warmup_rounds=2, iterations=1)
+    start, rows = benchmark.pedantic(ask, rounds=15, warmup_rounds=2, iterations=1)
     # Every catalog begins with the stars of the smallest: rows are the same.
     start_smallest, rows_smallest = make_index(smallest, method).query_many(axis, radius)
     assert np.array_equal(start, start_smallest) and np.array_equal(rows, rows_smallest)
-    facts = {} if benchmark.stats is None else {"us_per_cone": benchmark.stats.stats.median / n_cone * 1e6}
-    benchmark.extra_info.update(
-        kind="fixed density", method=method.split(",")[0], device=device_name(method), n_star=len(catalog),
-        n_cone=n_cone, n_found=len(rows), **facts,
-    )  # fmt: skip
+    facts = {"n_cone": n_cone, "n_found": len(rows)}
+    note(benchmark, "fixed density", method, len(catalog), "us_per_cone", 1e6 / n_cone, **facts)
 
 
 @functools.lru_cache(maxsize=2)
@@ -267,8 +262,3 @@ def zone_catalog(size: str, full: bool) -> ws.StarCatalog:
     return ws.StarCatalog.from_arrays(
         places[0], np.degrees(np.arcsin(places[1])), {"A": np.ones(n_star)}, id=np.full(n_star, "")
     )
-
-
-def device_name(method: str) -> str:
-    """Warp's name of the device, "host" for SciPy and NumPy."""
-    return wp.get_device(method.split(", ")[1]).name if is_index(method) else "host"

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.constants import STEFAN_BOLTZMANN_W_M2_K4
-from warpsim.radiometry.bands import RADIATION_1_W_M2_SR, RADIATION_2_M_K
+from warpsim.radiometry.bands import RADIATION_1_W_M2_SR, RADIATION_2_M_K, planck_w_m2_sr_um
 from warpsim.radiometry.sun_and_earth import solar_spectrum
 
 Array = NDArray[np.float64]
@@ -81,12 +81,6 @@ def table_in(package: Path, member: tuple[str, str], skip: int) -> Array:
     return np.asarray(table[np.argsort(table[:, 0])].T)
 
 
-def planck(wavelength_um: Array, kelvin: Array | float) -> Array:
-    """Radiance of a blackbody [W/m2/sr/um]."""
-    metres = wavelength_um * 1e-6
-    return np.asarray(RADIATION_1_W_M2_SR / metres**5 / np.expm1(RADIATION_2_M_K / (metres * kelvin)) * 1e-6)
-
-
 def brightness_k(wavelength_um: Array, radiance: Array) -> Array:
     """Temperature of the blackbody of a radiance [W/m2/sr/um]."""
     metres = wavelength_um * 1e-6
@@ -105,7 +99,7 @@ def clouded(wavelength_um: Array, clear: Array, high_emissivity: float) -> Array
     layers = [*CLOUDS, (HIGH_CLOUDS[0] * high_emissivity, HIGH_CLOUDS[1])]
     total = clear * (1.0 - sum(amount for amount, _ in layers))
     for amount, kelvin in layers:
-        total = total + amount * np.minimum(clear, planck(wavelength_um, kelvin))
+        total = total + amount * np.minimum(clear, planck_w_m2_sr_um(wavelength_um, kelvin))
     return total
 
 
@@ -114,7 +108,7 @@ def temperatures(edge_um: Array, at_um: Array, disc: Array, clear: Array) -> Arr
     inside = clear[0] > 4.0
     clear_um, radiance = clear[0][inside], clear[3][inside] / np.pi
     far_um = np.geomspace(clear_um[-1], 1000.0, 4000)
-    all_um, all_clear = np.append(clear_um, far_um[1:]), np.append(radiance, planck(far_um[1:], FAR_K))
+    all_um, all_clear = np.append(clear_um, far_um[1:]), np.append(radiance, planck_w_m2_sr_um(far_um[1:], FAR_K))
 
     def exitance(high_emissivity: float) -> float:
         return float(np.pi * np.trapezoid(clouded(all_um, all_clear, high_emissivity), all_um))
@@ -164,14 +158,14 @@ def main() -> None:
     lit = at_um < ALBEDO_END_UM
     albedo = np.interp(at_um, *THERMAL_ALBEDO.T)
     lit_edge_um = edge_um[: lit.sum() + 1]
-    reflected = binned(lit_edge_um, disc[0], disc[1]) - planck(at_um[lit], DARK_K)
+    reflected = binned(lit_edge_um, disc[0], disc[1]) - planck_w_m2_sr_um(at_um[lit], DARK_K)
     albedo[lit] = factor * np.pi * reflected / binned(lit_edge_um, disc[0], disc[2])
     at_um = np.concatenate([at_um, [35.0, 100.0]])
     kelvin, albedo = np.append(kelvin, [FAR_K] * 2), np.append(albedo, THERMAL_ALBEDO[-1:, 1].repeat(2))
     rows = [f"{x:.5g},{t:.4g},{a:.3g}" for x, t, a in zip(at_um, kelvin, np.maximum(albedo, 0.0), strict=True)]
     OUTPUT.write_text("\n".join(["wavelength_um,brightness_temperature_k,albedo", *rows, ""]), encoding="ascii")
     fine_um = np.geomspace(3.0, 1000.0, 200_001)
-    olr = np.pi * np.trapezoid(planck(fine_um, np.interp(fine_um, at_um, kelvin)), fine_um)
+    olr = np.pi * np.trapezoid(planck_w_m2_sr_um(fine_um, np.interp(fine_um, at_um, kelvin)), fine_um)
     print(f"{OUTPUT.name}: {len(rows)} nodes, sha256 {hashlib.sha256(OUTPUT.read_bytes()).hexdigest()}")
     print(f"exitance {olr:.1f} W/m2, of a blackbody of {(olr / STEFAN_BOLTZMANN_W_M2_K4) ** 0.25:.1f} K")
 

@@ -30,9 +30,11 @@ import numpy as np
 import stellar_sequences as sequences
 from astropy.io import fits
 from build_hip_gaia_ir import npz_bytes
+from condense_curve import planck
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
-from warpsim.radiometry.bands import RADIATION_2_M_K, as_band
+from warpsim.radiometry.bands import as_band
 from warpsim.sky.stellar_templates import DWARF, GIANT
 
 Array = NDArray[np.float64]
@@ -250,8 +252,7 @@ def bent(shape: Array, temperature_k: float, mean: dict[str, float], luminosity:
 def joined(shape: Array, temperature_k: float) -> Array:
     """Return the library's spectrum at FINE_UM with continua in place of what it does not have."""
     hot = float(np.clip(np.log(temperature_k / HOT_K[0]) / np.log(HOT_K[1] / HOT_K[0]), 0.0, 1.0))
-    planck = planck_radiance(FINE_UM, np.full(len(FINE_UM), temperature_k))
-    infrared = shape ** (1.0 - hot) * crossed(shape, planck, HOT_JOIN_UM) ** hot
+    infrared = shape ** (1.0 - hot) * crossed(shape, planck(FINE_UM, temperature_k), HOT_JOIN_UM) ** hot
     return crossed(infrared, engelke_continuum(FINE_UM, temperature_k), JOIN_UM)
 
 
@@ -262,26 +263,22 @@ def crossed(blue: Array, red: Array, join_um: tuple[float, float]) -> Array:
     return np.asarray(blue ** (1.0 - part) * (red * np.mean(blue[joint] / red[joint])) ** part)
 
 
-def planck_radiance(wavelength_um: Array, temperature_k: Array) -> Array:
-    """Planck's law, relative."""
-    return np.asarray(wavelength_um**-5.0 / np.expm1(RADIATION_2_M_K * 1e6 / (wavelength_um * temperature_k)))
-
-
 def engelke_continuum(wavelength_um: Array, temperature_k: float) -> Array:
     """Continuum of a star between 2 and 60 um, relative: Planck's law at Engelke's brightness temperature."""
     brightness_k = 0.738 * temperature_k * (1.0 + 79450.0 / (wavelength_um * temperature_k)) ** 0.182
-    return planck_radiance(wavelength_um, brightness_k)
+    return planck(wavelength_um, brightness_k)
 
 
 def factor_basis(luminosity: int) -> tuple[Array, Array]:
     """Logarithm of the factor at FINE_UM by knot, and rows that keep it smooth.
 
-    Cubic splines in ln(wavelength), constant beyond the knots, and the trough of CO for giants.
+    Cubic splines in ln(wavelength), 1 at one knot and 0 at the others, flat at both ends and constant beyond; and the
+    trough of CO for giants.
     """
     knot_um = np.delete(KNOT_UM, CO_KNOT) if luminosity == GIANT else KNOT_UM
     ln_knot, n_knot = np.log(knot_um), len(knot_um)
     ln_um = np.clip(np.log(FINE_UM), ln_knot[0], ln_knot[-1])
-    basis = spline_basis(ln_knot, ln_um)
+    basis = CubicSpline(ln_knot, np.eye(n_knot), bc_type="clamped")(ln_um)
     if luminosity == GIANT:
         trough = -np.interp(FINE_UM, CO_UM, CO_DEPTH, left=0.0, right=0.0)
         basis = np.concatenate([basis, trough[:, None]], axis=1)
@@ -292,29 +289,6 @@ def factor_basis(luminosity: int) -> tuple[Array, Array]:
         bends[k, k : k + 3] = np.array([right, -left - right, left]) / (left + right) / BEND
     levels = np.eye(n_level)[[0, -1]] / LEVEL
     return basis, np.concatenate([bends, levels])
-
-
-def spline_basis(knot: Array, x: Array) -> Array:
-    """Cubic splines at x (m,) that are 1 at one knot and 0 at the others, flat at both ends; (m, n_knot)."""
-    width = np.diff(knot)
-    n_knot = len(knot)
-    # Slopes at the knots make the second derivative continuous.
-    system, right = np.eye(n_knot), np.zeros((n_knot, n_knot))
-    for k in range(1, n_knot - 1):
-        left, after = 1.0 / width[k - 1], 1.0 / width[k]
-        system[k, k - 1 : k + 2] = left, 2.0 * (left + after), after
-        right[k, k - 1 : k + 2] = -3.0 * left**2, 3.0 * (left**2 - after**2), 3.0 * after**2
-    slope = np.linalg.solve(system, right)
-    value = np.eye(n_knot)
-    piece = np.clip(np.searchsorted(knot, x, side="right") - 1, 0, n_knot - 2)
-    u = ((x - knot[piece]) / width[piece])[:, None]
-    h = width[piece][:, None]
-    return np.asarray(
-        (1.0 + 2.0 * u) * (1.0 - u) ** 2 * value[piece]
-        + u**2 * (3.0 - 2.0 * u) * value[piece + 1]
-        + h * u * (1.0 - u) ** 2 * slope[piece]
-        - h * u**2 * (1.0 - u) * slope[piece + 1]
-    )
 
 
 def condensed(spectrum: Array) -> Array:

@@ -42,7 +42,7 @@ def blackbodies(upper_um: float) -> dict[str, float]:
     return {f"{temperature_k} K": float(temperature_k) for temperature_k in BLACKBODY_K if temperature_k >= coldest_k}
 
 
-def planck(wavelength_um: Array, temperature_k: float) -> Array:
+def planck(wavelength_um: Array, temperature_k: Array | float) -> Array:
     """Spectral radiance of a blackbody, in any unit, at wavelengths [um]."""
     return np.asarray(wavelength_um**-5.0 / np.expm1(RADIATION_2_M_K * 1e6 / (wavelength_um * temperature_k)))
 

@@ -1,9 +1,8 @@
 """Scenes on devices, without a renderer, for tests of single stages; scenes of one kind of sensor."""
 
-from __future__ import annotations
-
 import numpy as np
 import warp as wp
+from warpsim_kernels.emission import RadianceTable, band_radiance_w_m2_sr
 
 from warpsim.render.batch import new_columns, new_inputs
 from warpsim.render.buffers import new_sources
@@ -36,3 +35,22 @@ def arrays_of_views(scene, time_s, sensor=0, n_slot=None):
     n_view = len(time_s)
     inputs = new_inputs(scene.device, time_s, np.arange(n_view), np.broadcast_to(sensor, n_view))
     return inputs, new_columns(scene, n_view), new_sources(scene, n_view, n_slot or scene.n_target)
+
+
+@wp.kernel(enable_backward=False)
+def radiance_kernel(table: RadianceTable, kelvin: wp.array[wp.float64], radiance: wp.array2d[wp.float64]):
+    row, i = wp.tid()
+    radiance[row, i] = band_radiance_w_m2_sr(table, row, kelvin[i])
+
+
+def launched(kernel, n, inputs, kinds, device):
+    """Outputs of a kernel, one of each kind, as arrays; arrays among the inputs are float64, or vectors of it."""
+
+    def there(value):
+        if not isinstance(value, np.ndarray):
+            return value
+        return wp.array(value, dtype=wp.vec3d if value.ndim > 1 else wp.float64, device=device)
+
+    outputs = [wp.empty(n, dtype=kind, device=device) for kind in kinds]
+    wp.launch(kernel, n, inputs=[there(value) for value in inputs], outputs=outputs, device=device)
+    return [array.numpy() for array in outputs]

@@ -1,6 +1,7 @@
 """What streaks look like, in float64 and by other means than the kernels'."""
 
 import numpy as np
+from psf_oracles import FIRST_DARK_RING, annulus_transfer
 from scipy import special
 
 LATTICE_SUM = 9.033621683100950  # of 1 / r^3 over a square lattice without its origin
@@ -43,17 +44,6 @@ def gaussian_streak(xy_px, movement_px, brightness, sigma_px, shape, times, aspe
     return image
 
 
-def disc_overlap(distance, one, other):
-    """Common area of two discs."""
-    if other == 0:
-        return np.zeros_like(distance)
-    d = np.clip(distance, abs(one - other) + 1e-9, one + other)
-    a = other**2 * np.arccos(np.clip((d**2 + other**2 - one**2) / (2 * d * other), -1, 1))
-    b = one**2 * np.arccos(np.clip((d**2 + one**2 - other**2) / (2 * d * one), -1, 1))
-    c = np.sqrt(np.maximum((one + other - d) * (d + other - one) * (d - other + one) * (d + one + other), 0)) / 2
-    return np.where(distance <= abs(one - other), np.pi * min(one, other) ** 2, a + b - c)
-
-
 def airy_streak(xy_px, movement_px, brightness, radius_px, obscuration, shape, times, period_px=40.0):
     """Image of a unit source by its Fourier series: pupil's autocorrelation, pixel, and the path's own transform.
 
@@ -61,12 +51,10 @@ def airy_streak(xy_px, movement_px, brightness, radius_px, obscuration, shape, t
     fields shed, w / r^3 each, is nearly constant and taken away.
     """
     t, weight = times
-    lamf_px = radius_px * np.pi / special.jn_zeros(1, 1)[0]
+    lamf_px = radius_px / FIRST_DARK_RING
     n = int(period_px / lamf_px)
     number = np.arange(-n, n + 1)
-    frequency = lamf_px * np.hypot(number, number[:, None]) / period_px
-    transfer = disc_overlap(2 * frequency, 1, 1) - 2 * disc_overlap(2 * frequency, 1, obscuration)
-    transfer = (transfer + disc_overlap(2 * frequency, obscuration, obscuration)) / (np.pi * (1 - obscuration**2))
+    transfer = annulus_transfer(lamf_px * np.hypot(number, number[:, None]) / period_px, obscuration)
     transfer *= np.sinc(number / period_px) * np.sinc(number / period_px)[:, None]
     position = np.asarray(xy_px) + legendre(movement_px, t)
     waves = [np.exp(-2j * np.pi / period_px * np.outer(position[:, axis], number)) for axis in (0, 1)]

@@ -6,6 +6,8 @@ import mpmath
 import numpy as np
 import pytest
 import warp as wp
+from bodies import aspects_rad, emission_s
+from on_devices import launched
 from scipy.spatial.transform import Rotation, Slerp
 from warpsim_kernels import motion
 
@@ -13,10 +15,9 @@ import warpsim as ws
 from warpsim import quaternion
 from warpsim.render.target_field import motion_struct
 from warpsim.streams import uniforms
-from warpsim.target.attitude import BodyMotion, attitude_frame, attitude_quaternion, turns
+from warpsim.target.attitude import body_motion, turns
 
 SEED = 161803
-C_M_S = 299_792_458.0
 
 ANGLE_ATOL_RAD = 1e-9  # asked for after 1e6 s
 PHASE_ATOL_REV = 4e-16  # host: rounding of one addition and one fraction
@@ -40,14 +41,14 @@ MOTIONS = {
 every_motion = pytest.mark.parametrize("fields", MOTIONS.values(), ids=MOTIONS)
 
 
-def body_motion(fields, target=2, **more):
+def moving(fields, target=2, **more):
     attitude = ws.Attitude(axis=(0.3, -0.5, 0.2), **{**fields, **more})
-    return BodyMotion(attitude, attitude_frame(attitude, VELOCITY_M_S, 7, target))
+    return body_motion(attitude, VELOCITY_M_S, 7, target)
 
 
 def exact_matrix(body, time_s):
     """Body -> GCRS by multiplying three matrices in 50 digits, phases as exact fractions of a turn."""
-    attitude, frame = body.attitude, body.frame
+    attitude = body.attitude
 
     def angle(rate, phase):
         turn = (Fraction(rate) * Fraction(float(time_s)) + Fraction(phase)) % 1
@@ -60,11 +61,11 @@ def exact_matrix(body, time_s):
         return mpmath.matrix([[mpmath.cos(a), 0, mpmath.sin(a)], [0, 1, 0], [-mpmath.sin(a), 0, mpmath.cos(a)]])
 
     tilt = mpmath.mpf(attitude.precession_angle_deg) * mpmath.pi / 180
-    reference, first, second = frame.axes
+    reference, first, second = body.axes
     columns = mpmath.matrix(np.column_stack([first, second, reference]).tolist())
-    azimuth = about_z(angle(attitude.precession_rev_s, frame.precession_phase_rev))
-    polar = about_y(tilt + angle(attitude.rolling_rev_s, frame.rolling_phase_rev))
-    spin = about_z(angle(attitude.spin_rev_s, frame.spin_phase_rev))
+    azimuth = about_z(angle(attitude.precession_rev_s, body.precession_phase_rev))
+    polar = about_y(tilt + angle(attitude.rolling_rev_s, body.rolling_phase_rev))
+    spin = about_z(angle(attitude.spin_rev_s, body.spin_phase_rev))
     return columns * azimuth * polar * spin
 
 
@@ -85,7 +86,7 @@ def test_phase_of_the_host_is_rounded_once(rate_rev_s):
 
 @every_motion
 def test_rotation_matches_mpmath_after_a_million_seconds(fields, record_accuracy):
-    body = body_motion(fields)
+    body = moving(fields)
     seen = body.at(LONG_TIMES_S)
     np.testing.assert_allclose(np.linalg.norm(seen, axis=1), 1, rtol=0, atol=ROUNDING)
     with mpmath.workdps(50):
@@ -101,16 +102,16 @@ def test_rotation_matches_mpmath_after_a_million_seconds(fields, record_accuracy
 @every_motion
 def test_rotation_is_scipys_intrinsic_zyz(fields):
     """The order that the conventions page states: azimuth about z of F, polar about the new y, spin about the new z."""
-    body = body_motion(fields)
-    attitude, frame = body.attitude, body.frame
+    body = moving(fields)
+    attitude = body.attitude
     times = np.linspace(0.0, 7.3, 50)
-    reference, first, second = frame.axes
+    reference, first, second = body.axes
     angles = np.column_stack(
         [
-            2 * np.pi * (attitude.precession_rev_s * times + frame.precession_phase_rev),
+            2 * np.pi * (attitude.precession_rev_s * times + body.precession_phase_rev),
             np.radians(attitude.precession_angle_deg)
-            + 2 * np.pi * (attitude.rolling_rev_s * times + frame.rolling_phase_rev),
-            2 * np.pi * (attitude.spin_rev_s * times + frame.spin_phase_rev),
+            + 2 * np.pi * (attitude.rolling_rev_s * times + body.rolling_phase_rev),
+            2 * np.pi * (attitude.spin_rev_s * times + body.spin_phase_rev),
         ]
     )
     fixed = Rotation.from_matrix(np.column_stack([first, second, reference]))
@@ -121,7 +122,7 @@ def test_rotation_is_scipys_intrinsic_zyz(fields):
 
 @every_motion
 def test_sign_is_continuous_and_the_same_whatever_else_is_asked(fields):
-    body = body_motion(fields)
+    body = moving(fields)
     times = 1e6 - 3 + np.arange(0, 6, 0.004)
     seen = body.at(times)
     assert np.einsum("ij,ij->i", seen[1:], seen[:-1]).min() > 0.9
@@ -137,19 +138,17 @@ def axis_kernel(attitude: motion.Attitude, time_s: wp.array[wp.float64], axis: w
 
 @every_motion
 def test_body_z_is_the_kernels_symmetry_axis(device, fields):
-    body = body_motion(fields)
+    body = moving(fields)
     times = np.concatenate([LONG_TIMES_S, np.random.default_rng(SEED).uniform(0, 1e6, 2000)])
-    out = wp.empty(len(times), dtype=wp.vec3d, device=device)
-    inputs = [motion_struct(body), wp.array(times, dtype=wp.float64, device=device)]
-    wp.launch(axis_kernel, len(times), inputs=inputs, outputs=[out], device=device)
+    (axis,) = launched(axis_kernel, len(times), [motion_struct(body), times], [wp.vec3d], device)
     expected = quaternion.rotated(body.at(times), [0.0, 0.0, 1.0])
-    assert np.linalg.norm(out.numpy() - expected, axis=1).max() < 1e-13 < ANGLE_ATOL_RAD
+    assert np.linalg.norm(axis - expected, axis=1).max() < 1e-13 < ANGLE_ATOL_RAD
 
 
 def test_angular_velocity_is_the_right_handed_sum_of_the_three():
     """Spin about the body axis, precession about the fixed direction, rolling about the axis across both."""
-    body = body_motion(MOTIONS["all"])
-    attitude, (reference, _, _) = body.attitude, body.frame.axes
+    body = moving(MOTIONS["all"])
+    attitude, (reference, _, _) = body.attitude, body.axes
     for time_s in (0.0, 0.37, 123.4):
         step = 1e-6
         before, now, after = Rotation.from_quat(body.at([time_s - step, time_s, time_s + step]))
@@ -167,25 +166,24 @@ def test_angular_velocity_is_the_right_handed_sum_of_the_three():
 
 
 def spin_angle(body, time_s):
-    return 2 * np.pi * (body.attitude.spin_rev_s * time_s + body.frame.spin_phase_rev)
+    return 2 * np.pi * (body.attitude.spin_rev_s * time_s + body.spin_phase_rev)
 
 
 def test_new_phase_comes_after_those_that_scenes_already_use():
     np.testing.assert_array_equal(uniforms(2024, "attitude", 3, 6)[:5], uniforms(2024, "attitude", 3, 5))
-    body = body_motion(MOTIONS["all"])
+    body = moving(MOTIONS["all"])
     u = uniforms(7, "attitude", 2, 6)
-    frame = body.frame
-    assert (frame.precession_phase_rev, frame.rolling_phase_rev, frame.spin_phase_rev) == (u[3], u[4], u[5])
-    assert body_motion(MOTIONS["spin"]).frame.rolling_phase_rev == 0.0
+    assert (body.precession_phase_rev, body.rolling_phase_rev, body.spin_phase_rev) == (u[3], u[4], u[5])
+    assert moving(MOTIONS["spin"]).rolling_phase_rev == 0.0
 
 
 def test_given_phases_leave_nothing_to_the_seed():
     phases = {"spin_phase_rev": 0.1, "precession_phase_rev": -1.75, "rolling_phase_rev": 0.3}
-    first, second = (body_motion(MOTIONS["all"], target, **phases) for target in (2, 9))
+    first, second = (moving(MOTIONS["all"], target, **phases) for target in (2, 9))
     np.testing.assert_array_equal(first.at([0.0, 5.5]), second.at([0.0, 5.5]))
-    assert first.frame.precession_phase_rev == 0.25
-    resting = body_motion({}, rolling_phase_rev=0.25, precession_phase_rev=0.0, spin_phase_rev=0.0)
-    assert resting.frame.rolling_phase_rev == 0.25  # a phase is kept without a rate
+    assert first.precession_phase_rev == 0.25
+    resting = moving({}, rolling_phase_rev=0.25, precession_phase_rev=0.0, spin_phase_rev=0.0)
+    assert resting.rolling_phase_rev == 0.25  # a phase is kept without a rate
 
 
 @pytest.mark.parametrize(
@@ -203,12 +201,12 @@ def test_precession_counts_from_north(axis, towards):
     attitude = ws.Attitude(
         axis=axis, precession_angle_deg=20.0, precession_phase_rev=0.0, spin_phase_rev=0.0, precession_rev_s=0.25
     )
-    frame = attitude_frame(attitude, VELOCITY_M_S, 7, 0)
-    np.testing.assert_allclose(frame.axes @ frame.axes.T, np.eye(3), rtol=0, atol=ROUNDING)
-    np.testing.assert_allclose(np.cross(frame.axes[0], frame.axes[1]), frame.axes[2], rtol=0, atol=ROUNDING)
+    body = body_motion(attitude, VELOCITY_M_S, 7, 0)
+    np.testing.assert_allclose(body.axes @ body.axes.T, np.eye(3), rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(np.cross(body.axes[0], body.axes[1]), body.axes[2], rtol=0, atol=ROUNDING)
     reference = np.array(axis) / np.linalg.norm(axis)
     leaning = np.cos(np.radians(20)) * reference + np.sin(np.radians(20)) * np.array(towards)
-    start, quarter = quaternion.rotated(attitude_quaternion(attitude, frame, [0.0, 1.0]), [0.0, 0.0, 1.0])
+    start, quarter = quaternion.rotated(body.at([0.0, 1.0]), [0.0, 0.0, 1.0])
     # The last axis is 2e-6 off the pole, and `towards` as much off its north.
     np.testing.assert_allclose(start, leaning, rtol=0, atol=5e-6 * np.sin(np.radians(20)))
     np.testing.assert_allclose(np.cross(reference, start - reference * (start @ reference)) @ quarter,
@@ -269,12 +267,10 @@ def test_aspect_is_that_of_the_scenes_body_axis_at_emission(scene, target):
     quick = scene.replace(frames={"count": 40, "interval_s": 0.037, "start_s": 1600.0})
     rows = ws.Renderer(quick, device="cpu").render(range(40), ["sat11"], ["A"]).truth
     rows = rows[rows["target"] == target]
-    emitted_s = np.array(rows["time_s"] - rows["range_km"] * 1e3 / C_M_S)
-    sight = quick.position_m("sat11", np.array(rows["time_s"])) - quick.position_m(target, emitted_s)
-    axis = quick.scenario.body_axis(target, emitted_s)
-    aspect = np.arctan2(np.linalg.norm(np.cross(axis, sight), axis=1), np.sum(axis * sight, axis=1))
+    aspect = aspects_rad(quick, target, rows)
     np.testing.assert_allclose(np.radians(rows["aspect_deg"]), aspect, rtol=0, atol=ASPECT_ATOL_RAD)
-    turned = Rotation.from_quat(quick.scenario.attitude_quaternion(target, emitted_s))
+    turned = Rotation.from_quat(quick.scenario.attitude_quaternion(target, emission_s(rows)))
+    axis = quick.scenario.body_axis(target, emission_s(rows))
     np.testing.assert_allclose(turned.apply([0, 0, 1]), axis, rtol=0, atol=ROUNDING)
 
 

@@ -8,6 +8,8 @@ import mpmath
 import numpy as np
 import pytest
 import warp as wp
+from bodies import facets
+from on_devices import launched
 from scipy.integrate import dblquad, quad
 from scipy.special import eval_legendre, sph_harm_y
 from warpsim_kernels import earth as earth_kernels
@@ -17,7 +19,8 @@ from warpsim_kernels.shapes import Body, Facets
 
 import warpsim as ws
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
-from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M, geocentric_radius_m
+from warpsim.orbit.earth import geocentric_radius_m
+from warpsim.render.target_field import earth_struct
 from warpsim.target import earth_light
 from warpsim.target.areas import body_struct, facets_of
 from warpsim.target.earth_light import (
@@ -63,21 +66,6 @@ every_shape = pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
 every_degree = pytest.mark.parametrize("degree", ALBEDO_ERRORS)
 
 
-def facets(shape, n_side):
-    """Normals and areas of a body: a sphere of rings, or a side of flat strips with two ends."""
-    turn = (np.arange(n_side) + 0.5) * 2 * np.pi / n_side
-    if shape.kind == "sphere":
-        x, weight = np.polynomial.legendre.leggauss(n_side // 2)
-        across = np.sqrt(1 - x * x)[:, None]
-        normal = np.stack([across * np.cos(turn), across * np.sin(turn), x[:, None] + 0 * turn], axis=2)
-        return normal.reshape(-1, 3), np.repeat(weight, n_side) * 2 * np.pi / n_side * shape.radius_m**2
-    body = body_struct(shape)
-    across, along = float(body.side_across), float(body.side_along)
-    side = [across * np.cos(turn), across * np.sin(turn), np.full(n_side, along)]
-    areas_m2 = np.append(np.full(n_side, float(body.side_m2) / n_side), [float(body.base_m2), float(body.top_m2)])
-    return np.vstack([np.stack(side, axis=1), -UP, UP]), areas_m2
-
-
 def mesh(normal, area_m2):
     """What a mesh says of itself."""
     surface = SimpleNamespace(normal=np.asarray(normal, float), area_m2=np.asarray(area_m2, float))
@@ -92,16 +80,13 @@ def largest_m2(shape):
     return np.sqrt(1.52) if shape is BOX else shape.projected_area_m2(np.linspace(0, np.pi, 721)).max()
 
 
-def launched(kernel, table, dtype, shape, vectors, limb_sine, device):
+def areas(kernel, table, dtype, shape, vectors, limb_sine, device):
     """Areas by a kernel over geometries."""
     rows = np.broadcast_shapes(*(np.shape(vector)[:-1] for vector in vectors), np.shape(limb_sine), (1,))
-    arrays = [wp.array(np.broadcast_to(v, (*rows, 3)), dtype=wp.vec3d, device=device) for v in vectors]
-    sines = wp.array(np.broadcast_to(limb_sine, rows), dtype=wp.float64, device=device)
+    arrays = [np.broadcast_to(limb_sine, rows), *(np.broadcast_to(vector, (*rows, 3)) for vector in vectors)]
     own = facets_of([shape], device)
-    inputs = [wp.array(table, dtype=dtype, device=device), body_struct(shape, own.first[0]), own.facets, sines]
-    area = wp.empty_like(sines)
-    wp.launch(kernel, rows, inputs=[*inputs, *arrays], outputs=[area], device=device)
-    return area.numpy()
+    inputs = [wp.array(table, dtype=dtype, device=device), body_struct(shape, own.first[0]), own.facets, *arrays]
+    return launched(kernel, rows, inputs, [wp.float64], device)[0]
 
 
 @wp.kernel(enable_backward=False)
@@ -114,7 +99,7 @@ def infrared_kernel(
 
 
 def infrared_area_m2(shape, view, nadir, limb_sine, device="cpu"):
-    return launched(infrared_kernel, infrared_table(), wp.vec4d, shape, (view, nadir), limb_sine, device)
+    return areas(infrared_kernel, infrared_table(), wp.vec4d, shape, (view, nadir), limb_sine, device)
 
 
 @functools.cache
@@ -139,7 +124,7 @@ def make_albedo_kernel(degree):
 
 def albedo_area_m2_sr(shape, view, nadir, limb_sine, sun, degree, device="cpu", table=None):
     table = albedo_table(degree) if table is None else table
-    return launched(make_albedo_kernel(degree), table, wp.float64, shape, (view, nadir, sun), limb_sine, device)
+    return areas(make_albedo_kernel(degree), table, wp.float64, shape, (view, nadir, sun), limb_sine, device)
 
 
 def directions(rng, n):
@@ -476,10 +461,6 @@ def test_radius_below_a_target(device):
     expected = np.linalg.norm(place, axis=1)
     sine = place[:, 2] / expected
     np.testing.assert_allclose(geocentric_radius_m(sine), expected, rtol=0, atol=RADIUS_ATOL_M)
-    earth = earth_kernels.Earth()
-    earth.pole = wp.vec3d(0.0, 0.0, 1.0)
-    earth.equatorial_radius_m, earth.polar_radius_m = EARTH_EQUATORIAL_RADIUS_M, EARTH_POLAR_RADIUS_M
-    radius = wp.empty(len(lat), dtype=wp.float64, device=device)
-    inputs = [wp.array(1.7 * place, dtype=wp.vec3d, device=device), earth]
-    wp.launch(radius_kernel, dim=len(lat), inputs=inputs, outputs=[radius], device=device)
-    np.testing.assert_allclose(radius.numpy(), expected, rtol=0, atol=RADIUS_ATOL_M)
+    earth = earth_struct(UP)
+    (radius,) = launched(radius_kernel, len(lat), [1.7 * place, earth], [wp.float64], device)
+    np.testing.assert_allclose(radius, expected, rtol=0, atol=RADIUS_ATOL_M)

@@ -4,12 +4,14 @@ import itertools
 
 import numpy as np
 import pytest
+from bodies import ground_m, unit_vectors
+from refusals import refused_in_one_line
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
 import warpsim as ws
 from warpsim.constants import STEFAN_BOLTZMANN_W_M2_K4
-from warpsim.target.attitude import BodyMotion, attitude_frame
+from warpsim.target.attitude import body_motion
 from warpsim.target.cooling import ERROR_K, ThermalNodes, integrate
 from warpsim.target.heat_balance import LumpedNode, mean_view_factor
 from warpsim.target.rotating_area import RotatingArea, commensurate_turns, steady_area
@@ -184,12 +186,11 @@ MOTIONS = {
 
 def motions(fields, n):
     attitude = ws.Attitude(axis="random", **fields)
-    return [BodyMotion(attitude, attitude_frame(attitude, np.ones(3), 7, body)) for body in range(n)]
+    return [body_motion(attitude, np.ones(3), 7, body) for body in range(n)]
 
 
 def directions(*shape):
-    vectors = np.random.default_rng(SEED).normal(size=(*shape, 3))
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return unit_vectors(SEED, *shape)
 
 
 def area_along(shape, rotation, direction):
@@ -207,15 +208,15 @@ def mean_area(shape, body, time_s, direction, span_s):
     if body_kind(rates, span_s) == "both":
         azimuth, polar = (x.ravel() for x in np.meshgrid(u, u))
     elif body_kind(rates, span_s) == "in-step":
-        azimuth = 3 * u + body.frame.precession_phase_rev
-        polar = u + body.frame.rolling_phase_rev
+        azimuth = 3 * u + body.precession_phase_rev
+        polar = u + body.rolling_phase_rev
     else:
         azimuth, polar = (
-            u if abs(rate) * span_s > 100 else rate * time_s + getattr(body.frame, f"{name}_phase_rev") + 0 * u
+            u if abs(rate) * span_s > 100 else rate * time_s + getattr(body, f"{name}_phase_rev") + 0 * u
             for name, rate in rates.items()
         )
     angles = np.stack([2 * np.pi * azimuth, 2 * np.pi * polar + np.radians(motion.precession_angle_deg)], axis=1)
-    reference, first, second = body.frame.axes
+    reference, first, second = body.axes
     frame = Rotation.from_matrix(np.column_stack([first, second, reference]))
     return area_along(shape, frame * Rotation.from_euler("ZY", angles), direction).mean()
 
@@ -322,9 +323,7 @@ def oracle(scene, name, model, area_of, start_k, begin_s=0.0):
         d = sun - place
         far = np.sqrt(d @ d)
         r = np.sqrt(place @ place)
-        sine = place @ pole / r
-        ground = 1 / np.sqrt((1 - sine**2) / 6_378_137.0**2 + sine**2 / 6_356_752.314245**2)
-        cap_sr = 2 * np.pi * (1 - np.cos(np.arcsin(ground / r)))
+        cap_sr = 2 * np.pi * (1 - np.cos(np.arcsin(ground_m(place / r, pole) / r)))
         flux = SUN_W_M2 / (far / AU_M) ** 2
         lit = scene.scenario.sunlit_fraction(name, t)[0]
         sun_w = flux * lit * area_of(t, d / far)
@@ -532,9 +531,8 @@ def test_attitude_tables_are_followed(scene):
     ],
 )
 def test_bad_balances_are_refused_in_one_line(fields, message):
-    with pytest.raises(ws.InputError, match=message) as caught:
+    with refused_in_one_line(message):
         ws.HeatBalance(**({"start_k": 300.0, "mass_kg": 1.0, "heat_capacity_j_kg_k": 900.0} | fields))
-    assert "\n" not in str(caught.value)
 
 
 def test_units_of_quantities_are_honoured():
@@ -554,6 +552,5 @@ def test_units_of_quantities_are_honoured():
 def test_no_equilibrium_is_said(scene, fields, message):
     model = ws.HeatBalance("equilibrium", 1.0, 900.0, **(COEFFICIENTS | fields))
     orbit = low_orbit(scene, model, {}, SPHERE, duration_s=900.0)
-    with pytest.raises(ws.InputError, match=r"targets\[0\]\.temperature\." + message) as caught:
+    with refused_in_one_line(r"targets\[0\]\.temperature\." + message):
         orbit.scenario.temperature_k("main", 0.0)
-    assert "\n" not in str(caught.value)

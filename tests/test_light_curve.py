@@ -6,8 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from bodies import CORNERS, TRIANGLES
 
 import warpsim as ws
+from warpsim.render.information import LEAST_COLUMN, information_of
 
 LIGHT_RTOL = 1e-12  # asked for: the same functions, with axes and phases rounded once more
 SLOPE_RTOL = 1e-9  # of the largest derivative: asked for; differences are good to 1e-10
@@ -17,11 +19,7 @@ RADIANCE_RTOL = 1e-7  # of the table of radiances, at half the scene's lowest te
 EXPOSED_RTOL = 1e-4  # a box turns faces into view and light during any exposure
 SEED = 7
 
-BOX = ws.Mesh(
-    vertices_m=[(x, y, z) for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.5, 0.5)],
-    faces=[(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4),
-           (1, 5, 7), (1, 7, 3)],
-)  # fmt: skip
+BOX = ws.Mesh(vertices_m=CORNERS * [0.6, 0.4, 1.0], faces=TRIANGLES)
 MOTION = ws.Attitude(0.7, 0.4, 20.0, 0.3, (0.2, -0.5, 0.4))
 TABLE = ws.AttitudeTable(time_s=[0.0, 900.0, 1600.0], quaternion=[(0, 0, 0, 1), (0.6, 0, 0, 0.8), (0, 0.8, 0, 0.6)])
 WARM = ws.TemperatureTable(time_s=[0.0, 700.0, 1600.0], temperature_k=[300.0, 340.0, 310.0])
@@ -40,18 +38,21 @@ TIMES = np.linspace(100.0, 1500.0, 36)
 SENSORS = ["sat11", "sat47"]
 
 
+def in_sunlight(scene, bodies):
+    """Bodies by name: shape, attitude, temperature, reflectance, patches; no term of light left out."""
+    targets = [
+        ws.TargetSpec(name, shape, ws.Graybody(reflectance=rho), temperature, attitude, patches=patches)
+        for name, (shape, attitude, temperature, rho, *patches) in bodies.items()
+    ]
+    return scene.replace(
+        epoch_utc="2025-03-20T06:00:00", sky__catalog="none", duration_s=1600.0, frames__count=100,
+        groups=[dataclasses.replace(scene.groups[0], targets=targets)], lighting=ws.Lighting(leave_out_nei=0.0),
+    ).scenario  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def day(scene):
-    """Bodies of all kinds in sunlight, no term of light left out."""
-    targets = [
-        ws.TargetSpec(name, shape, ws.Graybody(reflectance=reflectance), temperature, attitude)
-        for name, (shape, attitude, temperature, reflectance) in BODIES.items()
-    ]
-    bodies = dataclasses.replace(scene.groups[0], targets=targets)
-    return scene.replace(
-        epoch_utc="2025-03-20T06:00:00", sky__catalog="none", duration_s=1600.0, frames__count=100, groups=[bodies],
-        lighting=ws.Lighting(leave_out_nei=0.0),
-    ).scenario  # fmt: skip
+    return in_sunlight(scene, BODIES)
 
 
 def terms_of(day, **terms):
@@ -366,3 +367,102 @@ def test_photons_of_a_light_are_part_of_its_noise(day):
         electrons_e = light * levels.e_per_w_cm2 * shot
         expected = np.sqrt(levels.noise_e**2 + electrons_e) / levels.e_per_w_cm2
         np.testing.assert_allclose(curve.sigma_w_cm2([light]), expected, rtol=1e-12)
+
+
+# Bodies with patches, and those that turn freely
+
+SMOOTH = 0.97  # of geometries that are next to no kink: a facet's, or a node of the Earth's infrared
+
+STRIPE = ws.Patch(ws.Graybody(emissivity=0.1), azimuth_deg=(30.0, 140.0), along=(0.2, 0.7))
+CAP = ws.Patch(ws.Graybody(emissivity=SLOPED), on="base")
+BAND = ws.Patch(ws.Graybody(emissivity=0.1), along=(0.2, 0.7))
+TILT = {
+    "precession_rev_s", "precession_phase_rev", "precession_angle_deg", "rolling_rev_s", "rolling_phase_rev",
+    "axis_ra_deg", "axis_dec_deg",
+}  # fmt: skip
+FREE = ws.TorqueFree(moments=(1.0, 1.7, 2.2), rates_deg_s=(20.0, 3.0, 9.0), quaternion=(0.1, 0.1, 0.7, 0.7))
+WARMING = ws.Temperature(300.0, 320.0)
+PAINTED = {
+    "striped": (ws.Sphere(0.5), MOTION, WARMING, 0.3, STRIPE),
+    "patched": (ws.Cone(0.25, 1.0), MOTION, WARMING, 0.5, STRIPE, CAP),
+    "wave": (ws.Cylinder(0.25, 1.0), MOTION, WARMING, SLOPED, STRIPE),
+    "free": (BOX, FREE, WARMING, 0.6),
+    "flat": (ws.Cylinder(0.5, 0.1), FREE, WARMING, 0.6, STRIPE),
+}
+
+
+@pytest.fixture(scope="module")
+def painted(scene):
+    return in_sunlight(scene, PAINTED)
+
+
+@pytest.mark.parametrize("name", PAINTED)
+@pytest.mark.ci
+def test_painted_and_free_bodies_have_the_light_of_their_scene(painted, name, device):
+    for phase_s in (0.0, 800.0):
+        curve = ws.LightCurve(painted, name, None, TIMES, SENSORS, device=device, phase_time_s=phase_s)
+        expected = ws.light_curves(painted, TIMES, SENSORS, name, device=device)
+        light = curve(curve.values)
+        np.testing.assert_allclose(light, expected.irradiance_w_cm2[..., 0], rtol=LIGHT_RTOL, atol=1e-12 * light.max())
+        np.testing.assert_allclose(curve.with_jacobian(curve.values)[0], light, rtol=0, atol=1e-13 * light.max())
+
+
+@pytest.mark.parametrize("name", PAINTED)
+@pytest.mark.ci
+def test_the_jacobian_of_painted_and_free_bodies(painted, name):
+    curve = ws.LightCurve(painted, name, None, TIMES, SENSORS, "A", "cpu", phase_time_s=TIMES[18])
+    sets = random_sets(curve, np.random.default_rng(SEED), 100)
+    good = np.broadcast_to(np.isfinite(curve.range_km), (100, *curve.range_km.shape))
+    slopes = worst_slopes(curve, sets, good)
+    assert ("spin_phase_rev" in slopes) == (name in ("striped", "patched", "wave"))
+    for errors in slopes.values():
+        assert np.quantile(errors, SMOOTH) < SLOPE_RTOL
+
+
+SPIN = {"spin_rev_s", "spin_phase_rev"}
+
+
+@pytest.mark.parametrize(
+    ("shape", "patches", "acting"),
+    [
+        (ws.Cylinder(0.25, 1.0), [BAND], TILT),
+        (ws.Cone(0.25, 1.0), [BAND, CAP], TILT),
+        (ws.Cylinder(0.25, 1.0), [dataclasses.replace(CAP, azimuth_deg=(0.0, 90.0))], TILT),
+        (ws.Plate(1.0, 2.0), [CAP], TILT),
+        (ws.Sphere(0.5), [BAND], TILT),
+        (ws.Sphere(0.5), [dataclasses.replace(BAND, along=(0.0, 1.0))], set()),
+        (ws.Sphere(0.5), [STRIPE], TILT | SPIN),
+        (ws.Cone(0.25, 1.0), [CAP, STRIPE], TILT | SPIN),
+        (BOX, [ws.Patch(CAP.surface, on="faces", faces=(0,))], TILT | SPIN),
+    ],
+)
+def test_spin_acts_where_patches_show_it(painted, shape, patches, acting):
+    target = dataclasses.replace(painted.targets[0].spec, shape=shape, patches=patches)
+    scene = painted.scene.replace(groups=[dataclasses.replace(painted.scene.groups[0], targets=[target])])
+    own = ws.LightCurve(scene, target.name, None, TIMES[:2], SENSORS, "A", "cpu")
+    assert {name for name in own.parameters if name in TILT | SPIN} == acting
+    if acting == TILT:
+        with pytest.raises(ws.InputError, match="looks the same however it spins"):
+            ws.LightCurve(scene, target.name, "spin_rev_s", TIMES[:2], SENSORS, "A", "cpu")
+
+
+def test_rounding_is_no_information(painted):
+    """A column at the light's rounding is named; one that is small for its unit is not."""
+    light, pattern = np.ones(50), np.random.default_rng(SEED).normal(size=(50, 3))
+    known = information_of(["a", "b", "c"], pattern * [1.0, 1e-16, 1e-9], light)
+    assert known.degenerate == "the measurements do not change with b"
+    with pytest.raises(ws.InputError, match="singular"):
+        known.covariance  # noqa: B018
+    assert information_of(["a", "b"], pattern[:, :2] * [1.0, 1e-9], light).sigma["b"] > 1e8
+    curve = ws.LightCurve(painted, "patched", ["scale", "spin_phase_rev"], TIMES, SENSORS, "A", "cpu")
+    known = curve.fisher(curve.values, 1e-18)
+    length = np.linalg.norm(curve(curve.values)) / 1e-18
+    assert known.least_length == pytest.approx(LEAST_COLUMN * length, rel=1e-12)
+    assert not known.degenerate
+
+
+def test_lengths_of_patched_bodies_are_refused(painted):
+    with pytest.raises(ws.InputError, match="patches keep the size"):
+        ws.LightCurve(painted, "patched", "radius_m", TIMES, SENSORS, device="cpu")
+    with pytest.raises(ws.InputError, match="no motion of spin"):
+        ws.LightCurve(painted, "free", "precession_rev_s", TIMES, SENSORS, device="cpu")

@@ -6,6 +6,8 @@ import sys
 
 import numpy as np
 import pytest
+from bodies import CORNERS, QUADS, TRIANGLES, unit_vectors
+from refusals import refused_in_one_line
 from scipy.spatial import ConvexHull
 
 import warpsim as ws
@@ -19,19 +21,16 @@ SEED = 6371
 AREA_TOL = 1e-13  # of the surface: a sum of some hundred terms
 SINGLE_RTOL = 1e-6  # STL and GLB hold single precision
 
-BOX_VERTICES = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 2.0) for z in (0.0, 3.0)])
-BOX_QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-BOX_FACES = np.array([face for a, b, c, d in BOX_QUADS for face in ([a, b, c], [a, c, d])])
+BOX_VERTICES = (CORNERS + 0.5) * [1.0, 2.0, 3.0]
 TETRA_OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
 
 def directions(n, seed=SEED):
-    x = np.random.default_rng(seed).normal(size=(n, 3))
-    return x / np.linalg.norm(x, axis=1, keepdims=True)
+    return unit_vectors(seed, n)
 
 
 def box():
-    return ws.Mesh(vertices_m=BOX_VERTICES, faces=BOX_FACES)
+    return ws.Mesh(vertices_m=BOX_VERTICES, faces=TRIANGLES)
 
 
 def hull_mesh(points):
@@ -133,7 +132,7 @@ def test_mean_over_all_directions_is_a_quarter_of_the_surface():
 
 
 def test_a_mesh_inside_out_is_turned():
-    inwards = ws.Mesh(vertices_m=BOX_VERTICES, faces=BOX_FACES[:, ::-1])
+    inwards = ws.Mesh(vertices_m=BOX_VERTICES, faces=TRIANGLES[:, ::-1])
     np.testing.assert_array_equal(np.sort(inwards.surface.normal, axis=0), np.sort(box().surface.normal, axis=0))
     middle = inwards.surface.vertices_m.mean(axis=0)
     corner = inwards.surface.vertices_m[inwards.surface.faces]
@@ -167,7 +166,7 @@ def test_convex_bodies_that_are_nearly_not():
     vertices[17] *= 0.99
     assert not ws.Mesh(vertices_m=vertices, faces=dented.faces).convex
     for scale in ([1, 1, 1e4], [1, 1, 1e-4], [1e-5, 1e-5, 1e-5], [3e4, 3e4, 3e4]):
-        assert ws.Mesh(vertices_m=BOX_VERTICES * scale, faces=BOX_FACES).convex
+        assert ws.Mesh(vertices_m=BOX_VERTICES * scale, faces=TRIANGLES).convex
         assert ws.Mesh(vertices_m=hull_mesh(directions(99)).surface.vertices_m * scale + 7, faces=hull_mesh(
             directions(99)).surface.faces).convex  # fmt: skip
 
@@ -181,7 +180,7 @@ def test_an_aspect_is_not_enough():
 def test_files_of_all_kinds(ending, tmp_path):
     trimesh = pytest.importorskip("trimesh")
     path = tmp_path / f"box.{ending}"
-    trimesh.Trimesh(BOX_VERTICES * 1000, BOX_FACES, process=False).export(path, file_type=ending.lower())
+    trimesh.Trimesh(BOX_VERTICES * 1000, TRIANGLES, process=False).export(path, file_type=ending.lower())
     mesh = ws.Mesh(file=path, scale_m=1e-3)
     content = path.read_bytes()
     assert mesh.convex and len(mesh.surface.faces) == 12
@@ -195,12 +194,12 @@ def test_files_of_all_kinds(ending, tmp_path):
 
 def test_files_with_several_parts_polygons_and_text(tmp_path):
     pytest.importorskip("trimesh")
-    quads = "".join("f " + " ".join(f"{k + 1}//1" for k in quad) + "\n" for quad in BOX_QUADS)
+    quads = "".join("f " + " ".join(f"{k + 1}//1" for k in quad) + "\n" for quad in QUADS)
     lines = "".join(f"v {x} {y} {z}\n" for x, y, z in BOX_VERTICES)
     (tmp_path / "box.obj").write_text(f"mtllib none.mtl\no box # a box\n{lines}vn 0 0 1\nusemtl grey\n{quads}")
     assert ws.Mesh(file=tmp_path / "box.obj").reflected_area_m2([1, 0, 0], [1, 0, 0]) == 6.0
     trimesh = pytest.importorskip("trimesh")
-    text = trimesh.Trimesh(BOX_VERTICES, BOX_FACES, process=False).export(file_type="stl_ascii")
+    text = trimesh.Trimesh(BOX_VERTICES, TRIANGLES, process=False).export(file_type="stl_ascii")
     (tmp_path / "box.stl").write_text(text)
     assert ws.Mesh(file=str(tmp_path / "box.stl")).convex
 
@@ -272,11 +271,11 @@ def test_polygons_that_are_not_convex_are_refused(tmp_path):
         ws.Mesh(file=tmp_path / "bad.obj").surface  # noqa: B018
 
 
-GOOD = {"vertices_m": BOX_VERTICES, "faces": BOX_FACES}
+GOOD = {"vertices_m": BOX_VERTICES, "faces": TRIANGLES}
 
 
 def changed(name, row, value):
-    values = {"vertices_m": BOX_VERTICES.tolist(), "faces": BOX_FACES.tolist()}
+    values = {"vertices_m": BOX_VERTICES.tolist(), "faces": TRIANGLES.tolist()}
     values[name][row] = value
     return values
 
@@ -286,19 +285,19 @@ def changed(name, row, value):
     [
         ({}, "exactly one of a file, or vertices_m with faces, must be given"),
         ({"file": "x.obj", **GOOD}, "exactly one of a file, or vertices_m with faces, must be given"),
-        ({"faces": BOX_FACES}, "vertices_m, faces: both must be given"),
+        ({"faces": TRIANGLES}, "vertices_m, faces: both must be given"),
         ({**GOOD, "scale_m": 2.0}, "scale_m: belongs to a file, which is not given, got 2"),
         ({"file": "x.obj", "scale_m": 0.0}, "scale_m: must be > 0"),
         ({**GOOD, "vertices_m": BOX_VERTICES[:, :2]}, "vertices_m: must be rows of three numbers"),
         ({**GOOD, "vertices_m": [[0, 0, 0], [1, 2]]}, "vertices_m: must be rows of three numbers"),
         ({**GOOD, "vertices_m": [["0", "0", "1"]]}, "vertices_m: must be rows of three numbers"),
         ({**GOOD, "vertices_m": []}, "vertices_m: must be rows of three numbers"),
-        ({**GOOD, "faces": BOX_FACES * 1.0}, "faces: must be rows of three whole numbers"),
-        ({**GOOD, "faces": BOX_FACES[:-1]}, "faces: must be closed, has 3 open edges, one of them at face"),
+        ({**GOOD, "faces": TRIANGLES * 1.0}, "faces: must be rows of three whole numbers"),
+        ({**GOOD, "faces": TRIANGLES[:-1]}, "faces: must be closed, has 3 open edges, one of them at face"),
         (changed("faces", 3, [0, 1, 8]), r"faces: face 3 names vertex 8 of 8 \(counted from 0\)"),
         (changed("faces", 3, [0, 1, -1]), "faces: face 3 names vertex -1 of 8"),
         (changed("faces", 3, [6, 6, 7]), "faces: face 3 has no area"),
-        (changed("faces", 0, BOX_FACES[0][::-1]), "those of faces 0 and [0-9]+ are opposite|faces [0-9]+ and 0 are"),
+        (changed("faces", 0, TRIANGLES[0][::-1]), "those of faces 0 and [0-9]+ are opposite|faces [0-9]+ and 0 are"),
         (
             changed("vertices_m", 2, [0, np.nan, 0]),
             r"faces: vertices must be finite, got \[0.0, nan, 0.0\] as vertex 2",
@@ -310,9 +309,8 @@ def changed(name, row, value):
     ],
 )
 def test_bad_meshes(fields, message):
-    with pytest.raises(InputError, match=message) as caught:
+    with refused_in_one_line(message):
         ws.Mesh(**fields)
-    assert "\n" not in str(caught.value)
 
 
 def test_too_many_faces():
@@ -323,9 +321,9 @@ def test_too_many_faces():
 def test_numbers_may_have_units():
     import astropy.units as u
 
-    assert ws.Mesh(vertices_m=BOX_VERTICES * 100 * u.cm, faces=BOX_FACES).surface_m2 == pytest.approx(22, rel=1e-14)
+    assert ws.Mesh(vertices_m=BOX_VERTICES * 100 * u.cm, faces=TRIANGLES).surface_m2 == pytest.approx(22, rel=1e-14)
     with pytest.raises(InputError, match="vertices_m: must be convertible to m"):
-        ws.Mesh(vertices_m=BOX_VERTICES * u.s, faces=BOX_FACES)
+        ws.Mesh(vertices_m=BOX_VERTICES * u.s, faces=TRIANGLES)
 
 
 def test_scenes_find_meshes_beside_their_file(scene, tmp_path):

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-import warp as wp
+from bodies import emission_s, ends_m, sight_m, unit_vectors
+from on_devices import target_field
 from scipy.spatial.transform import Rotation
 
 import warpsim as ws
@@ -10,7 +11,6 @@ from warpsim.constants import ASTRONOMICAL_UNIT_M
 from warpsim.output.check import scene_report
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
 from warpsim.radiometry.sun_and_earth import sun_irradiance_w_m2
-from warpsim.render.target_field import make_target_field
 from warpsim.scene.exposure import NODE_COUNTS
 from warpsim.target.patches import PatchArea
 
@@ -28,6 +28,9 @@ SHAPES = [
     ws.Frustum(0.5, 0.2, 0.1),
     ws.Sphere(0.5),
 ]
+WEDGE = ws.Mesh(
+    vertices_m=[[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], faces=[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+)
 PARTS = [
     {"azimuth_deg": (30.0, 100.0)},
     {"azimuth_deg": (-100.0, 170.0), "along": (0.2, 0.7)},
@@ -36,16 +39,11 @@ PARTS = [
 ]
 
 
-def directions(n, seed):
-    vectors = np.random.default_rng(seed).normal(size=(n, 3))
-    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
-
-
 def fine_facets(shape, on="side", along=(0.0, 1.0), azimuth_deg=(0.0, 360.0), n=4000):
     """Normals and areas of many small pieces of a part, by the surface's parameters."""
     start, end = np.radians(azimuth_deg)
     if on != "side":
-        radius = shape.radius_m if on == "base" or shape.kind == "cylinder" else shape.top_radius_m
+        radius = ends_m(shape)[on == "top"]
         return np.array([[0.0, 0.0, 1.0 if on == "top" else -1.0]]), np.array([0.5 * (end - start) * radius**2])
     if shape.kind == "sphere":
         n_ring, n = 200, 400
@@ -59,19 +57,16 @@ def fine_facets(shape, on="side", along=(0.0, 1.0), azimuth_deg=(0.0, 360.0), n=
         ring = np.sqrt(1.0 - z * z)
         area = 2.0 * shape.radius_m**2 * (along[1] - along[0]) / n_ring * (end - start) / n
         return np.stack([ring * np.cos(phi), ring * np.sin(phi), z], axis=1), np.full(len(z), area)
-    top = {"cylinder": shape.radius_m, "cone": 0.0}.get(shape.kind, getattr(shape, "top_radius_m", 0.0))
-    slant = np.hypot(shape.height_m, shape.radius_m - top)
-    radius = shape.radius_m + (top - shape.radius_m) * part
-    normal = np.stack(
-        [shape.height_m * np.cos(phi), shape.height_m * np.sin(phi), 0 * phi + shape.radius_m - top], axis=1
-    )
+    base, top, height = ends_m(shape)
+    slant, radius = np.hypot(height, base - top), base + (top - base) * part
+    normal = np.stack([height * np.cos(phi), height * np.sin(phi), 0 * phi + base - top], axis=1)
     return normal / slant, radius * slant * (along[1] - along[0]) * (end - start) / n
 
 
 @pytest.mark.parametrize("part", PARTS, ids=["sector", "piece", "band", "whole"])
 @pytest.mark.parametrize("shape", SHAPES, ids=["cylinder", "cone", "frustum", "flat frustum", "sphere"])
 def test_areas_are_those_of_a_fine_quadrature(shape, part, record_accuracy):
-    view, sun = directions(100, 1), directions(100, 2)
+    view, sun = unit_vectors(1, 100), unit_vectors(2, 100)
     area = PatchArea(shape, ws.Patch(PAINT, **part))
     normal, piece = fine_facets(shape, **part)
     seen, lit = np.maximum(view @ normal.T, 0.0), np.maximum(sun @ normal.T, 0.0)
@@ -88,19 +83,16 @@ def test_areas_are_those_of_a_fine_quadrature(shape, part, record_accuracy):
 
 
 def test_flat_parts_and_faces_are_exact():
-    view = directions(50, 3)
+    view = unit_vectors(3, 50)
     sector = PatchArea(ws.Cylinder(0.5, 1.0), ws.Patch(PAINT, on="top", azimuth_deg=(10, 100)))
     np.testing.assert_allclose(sector.projected_area_along_m2(view), np.pi / 16 * np.maximum(view[:, 2], 0), rtol=1e-14)
     plate = PatchArea(ws.Plate(2.0, 3.0), ws.Patch(PAINT, on="base"))
     np.testing.assert_allclose(plate.projected_area_along_m2(view), 6 * np.maximum(-view[:, 2], 0), rtol=1e-14)
-    wedge = ws.Mesh(
-        vertices_m=[[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], faces=[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
-    )
-    face = PatchArea(wedge, ws.Patch(PAINT, on="faces", faces=(3,)))
+    face = PatchArea(WEDGE, ws.Patch(PAINT, on="faces", faces=(3,)))
     np.testing.assert_allclose(face.projected_area_along_m2(view), np.maximum(view.sum(axis=1), 0) / 2, atol=1e-15)
-    parts = [PatchArea(wedge, ws.Patch(PAINT, on="faces", faces=faces)) for faces in ((0, 2), (1, 3))]
+    parts = [PatchArea(WEDGE, ws.Patch(PAINT, on="faces", faces=faces)) for faces in ((0, 2), (1, 3))]
     whole = sum(part.projected_area_along_m2(view) for part in parts)
-    np.testing.assert_allclose(whole, wedge.projected_area_along_m2(view), atol=1e-15)
+    np.testing.assert_allclose(whole, WEDGE.projected_area_along_m2(view), atol=1e-15)
 
 
 def scene_of(shape, surface, patches=(), **changes):
@@ -178,9 +170,7 @@ def test_emission_and_sunlight_are_those_of_fine_facets(device):
     piece = np.concatenate([part[1] for part in whole])
     own_normal, own_piece = fine_facets(shape, **part)
     for row in truth:
-        emitted_s = row["time_s"] - row["range_km"] * 1e3 / 299_792_458.0
-        place = scene.scenario.position_m("body", [emitted_s])[0]
-        view = scene.scenario.position_m(row["sensor"], [row["time_s"]])[0] - place
+        emitted_s, (place, view) = emission_s(row), sight_m(scene, "body", row)
         sun = scene.scenario.position_m("sun", [emitted_s])[0] - place
         back = Rotation.from_quat(scene.scenario.attitude_quaternion("body", [emitted_s])[0]).inv()
         view_body = back.apply(view / np.linalg.norm(view))
@@ -263,12 +253,9 @@ def test_surfaces_by_wavelength():
 
 
 def test_kernel_holds_patches_only_where_a_target_has_some():
-    cpu = wp.get_device("cpu")
-    scenes = [scene_of(SHAPES[0], PAINT, patches) for patches in ((), [ws.Patch(BARE)])]
-    fields = [make_target_field(s.scenario, s.scenario.instrument, ["A"], cpu) for s in scenes]
-    assert [(field.features.patches, field.features.meshes, field.n_patch) for field in fields] == [
-        (False, False, 0), (True, True, 1),
-    ]  # fmt: skip
+    for patches, expected in (((), (False, False, 0)), ([ws.Patch(BARE)], (True, True, 1))):
+        field = target_field(scene_of(SHAPES[0], PAINT, patches), ["A"])
+        assert (field.features.patches, field.features.meshes, field.n_patch) == expected
 
 
 def test_heat_balance_takes_means_over_the_surface():
@@ -374,10 +361,7 @@ def test_patches_without_area_are_refused(shape, along):
 
 
 def test_faces_that_a_mesh_does_not_have():
-    wedge = ws.Mesh(
-        vertices_m=[[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], faces=[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
-    )
-    scene = scene_of(wedge, PAINT, [ws.Patch(BARE, on="faces", faces=(1, 4))])
+    scene = scene_of(WEDGE, PAINT, [ws.Patch(BARE, on="faces", faces=(1, 4))])
     with pytest.raises(
         ws.InputError, match=r"targets\[0\]\.patches\[0\]\.faces: must be below 4, the number of faces, got 4"
     ):

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.report import RESULTS, TOP, main, words_of, write_page
-from benchmarks.tables.known import TABLES, plain_table, tables_of
+from benchmarks.tables import TABLES, plain_table, tables_of
 
 COMMITTED = sorted(RESULTS.glob("*.json"))
 

@@ -7,7 +7,7 @@ from scipy.special import erf
 import warpsim as ws
 from warpsim.output.contact_sheet import GAP_PX, LEFT_PX, TILE_PX, TOP_PX, SheetRow, draw_contact_sheet, grey_tile
 from warpsim.output.grey import window_about
-from warpsim.target.attitude import attitude_frame
+from warpsim.target.attitude import body_motion
 
 C_M_S = 299_792_458.0
 SIGNAL_REL = 1e-6
@@ -63,7 +63,7 @@ def test_aspect_follows_the_described_motion(scene, target):
     number = scene.target_names.index(target)
     motion = scene.scenario.targets[number].spec.attitude
     velocity = scene.scenario.tracks.targets[number].state(np.zeros(1))[1][0]
-    frame = attitude_frame(motion, velocity, scene.seed, number)
+    frame = body_motion(motion, velocity, scene.seed, number)
     (reference, first, second), precession, rolling = frame.axes, frame.precession_phase_rev, frame.rolling_phase_rev
     aspect = []
     for row in rows:

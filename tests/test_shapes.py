@@ -6,9 +6,11 @@ import mpmath
 import numpy as np
 import pytest
 import warp as wp
+from bodies import ends_m, unit_vectors
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpmath.calculus.quadrature import GaussLegendre
+from on_devices import launched
 from warpsim_kernels.shapes import projected_area_along_kernel, reflected_area_kernel
 
 import warpsim as ws
@@ -39,12 +41,6 @@ TURNED = {name: shape for name, shape in BODIES.items() if shape.kind in ("cylin
 every_body = pytest.mark.parametrize("shape", BODIES.values(), ids=BODIES)
 
 
-def ends_m(shape):
-    """Radii of base and top, and height."""
-    top = {"cylinder": shape.radius_m, "cone": 0.0}.get(shape.kind, getattr(shape, "top_radius_m", None))
-    return shape.radius_m, top, shape.height_m
-
-
 def side_angle_rad(shape):
     """Angle between side and axis: where an outline has its kinks."""
     if shape not in TURNED.values():
@@ -59,8 +55,7 @@ def unit(polar, azimuth):
 
 
 def random_directions(n, seed=SEED):
-    x = np.random.default_rng(seed).normal(size=(n, 3))
-    return x / np.linalg.norm(x, axis=1, keepdims=True)
+    return unit_vectors(seed, n)
 
 
 def hard_pairs(shape, n=120):
@@ -334,14 +329,12 @@ def test_facets_of_a_scene_stand_once_and_give_the_same_areas(device):
     assert table.first[1] == table.first[4] != table.first[2]
     assert len(table.facets.area_m2) <= 14 + 8 + 1
     view, sun = random_directions(50), random_directions(50, SEED + 1)
-    directions = [wp.array(x, dtype=wp.vec3d, device=device) for x in (view, sun)]
     for shape, first in zip(shapes, table.first, strict=True):
-        body, area = body_struct(shape, first), wp.empty(50, dtype=wp.float64, device=device)
-        inputs = [body, table.facets, *directions]
-        wp.launch(projected_area_along_kernel, 50, inputs=inputs[:3], outputs=[area], device=device)
-        np.testing.assert_allclose(area.numpy(), shape.projected_area_along_m2(view), rtol=1e-13, atol=0)
-        wp.launch(reflected_area_kernel, 50, inputs=inputs, outputs=[area], device=device)
-        np.testing.assert_allclose(area.numpy(), shape.reflected_area_m2(view, sun), rtol=1e-13, atol=1e-15)
+        inputs = [body_struct(shape, first), table.facets, view, sun]
+        (outline,) = launched(projected_area_along_kernel, 50, inputs[:3], [wp.float64], device)
+        np.testing.assert_allclose(outline, shape.projected_area_along_m2(view), rtol=1e-13, atol=0)
+        (lit,) = launched(reflected_area_kernel, 50, inputs, [wp.float64], device)
+        np.testing.assert_allclose(lit, shape.reflected_area_m2(view, sun), rtol=1e-13, atol=1e-15)
     with pytest.raises(ws.InputError, match="a mesh can be used only with the facets of its scene"):
         body_struct(box)
 
@@ -351,7 +344,6 @@ def test_a_body_with_facets_needs_no_code_of_its_own():
     from types import SimpleNamespace
 
     from warpsim.plot.group_figure import drawn_facets
-    from warpsim.target.areas import body_struct, facets_of
 
     vertices = np.concatenate([np.eye(3), -np.eye(3)])
     faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]

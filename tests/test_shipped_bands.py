@@ -12,8 +12,8 @@ import build_responses
 import list_responses
 import numpy as np
 import pytest
+from build_responses import MissingPackageError, read_spectrum, source_path
 from condense_curve import BLACKBODY_K, blackbodies
-from published_curves import MissingPackageError, read_spectrum, source_path
 from response_oracles import (
     DATA,
     FACTS,

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 import warp as wp
 from astropy import units as u
-from on_devices import arrays_of_views, device_bodies, target_field
+from bodies import CORNERS, TRIANGLES, emission_s, facets, ground_m, sight_m
+from on_devices import arrays_of_views, device_bodies, launched, target_field
 from scipy.spatial.transform import Rotation
 from warpsim_kernels import motion
-from warpsim_kernels.shadow import sunlit_fraction_kernel
+from warpsim_kernels.earth import Earth
+from warpsim_kernels.earth import sunlit_fraction as sunlit_fraction_there
 from warpsim_kernels.signature import Features
 
 import warpsim as ws
@@ -18,7 +20,7 @@ from warpsim.radiometry.sun_and_earth import sun_irradiance_w_m2
 from warpsim.render.buffers import new_area_series
 from warpsim.render.stages import aim, observe_targets
 from warpsim.render.target_field import earth_struct, motion_struct
-from warpsim.target.attitude import BodyMotion, attitude_frame
+from warpsim.target.attitude import body_motion
 from warpsim.target.earth_light import INFRARED_ERRORS
 
 SEED = 31415
@@ -36,11 +38,12 @@ def day(scene):
 
 
 @wp.kernel(enable_backward=False)
-def axes_kernel(attitude: motion.Attitude, time_s: wp.array[wp.float64], axes: wp.array2d[wp.mat33d]):
+def axes_kernel(
+    attitude: motion.Attitude, time_s: wp.array[wp.float64], before: wp.array[wp.mat33d], after: wp.array[wp.mat33d]
+):
     i = wp.tid()
-    before = motion.axes_before_spin(attitude, time_s[i])
-    axes[0, i] = before
-    axes[1, i] = motion.spun(before, attitude, time_s[i])
+    before[i] = motion.axes_before_spin(attitude, time_s[i])
+    after[i] = motion.spun(before[i], attitude, time_s[i])
 
 
 def test_axes_of_the_kernel_are_the_hosts(device):
@@ -48,16 +51,20 @@ def test_axes_of_the_kernel_are_the_hosts(device):
     attitude = ws.Attitude(
         spin_rev_s=4.9, precession_rev_s=1 / 3, precession_angle_deg=20.0, rolling_rev_s=-0.7, axis=(0.2, -0.5, 0.4)
     )
-    body = BodyMotion(attitude, attitude_frame(attitude, np.array([1.0, 2.0, 3.0]), SEED, 3))
+    body = body_motion(attitude, np.array([1.0, 2.0, 3.0]), SEED, 3)
     time_s = np.concatenate([[0.0, 0.5], np.random.default_rng(SEED).uniform(0, 1e6, 200)])
-    out = wp.empty((2, len(time_s)), dtype=wp.mat33d, device=device)
-    inputs = [motion_struct(body), wp.array(time_s, dtype=wp.float64, device=device)]
-    wp.launch(axes_kernel, len(time_s), inputs=inputs, outputs=[out], device=device)
+    kinds = [wp.mat33d, wp.mat33d]
+    before, after = launched(axes_kernel, len(time_s), [motion_struct(body), time_s], kinds, device)
     expected = np.swapaxes(Rotation.from_quat(body.at(time_s)).as_matrix(), 1, 2)
-    before, after = out.numpy()
     np.testing.assert_allclose(after, expected, rtol=0, atol=AXES_ATOL * 2 * np.pi)
     np.testing.assert_allclose(before[:, 2], expected[:, 2], rtol=0, atol=AXES_ATOL * 2 * np.pi)
     np.testing.assert_allclose(before @ np.swapaxes(before, 1, 2), np.broadcast_to(np.eye(3), before.shape), atol=1e-15)
+
+
+@wp.kernel(enable_backward=False)
+def sunlit_kernel(place_m: wp.array[wp.vec3d], sun_m: wp.array[wp.vec3d], earth: Earth, part: wp.array[wp.float64]):
+    i = wp.tid()
+    part[i] = sunlit_fraction_there(place_m[i], sun_m[i] - place_m[i], earth)
 
 
 def test_sunlit_fraction_of_the_kernel_is_the_hosts(scene, device):
@@ -76,29 +83,9 @@ def test_sunlit_fraction_of_the_kernel_is_the_hosts(scene, device):
     place = place[np.linalg.norm(place, axis=1) > 6.4e6]
     expected = sunlit_fraction(place, sun, scene.scenario.tracks.pole_icrs)
     assert 300 < np.sum((expected > 0) & (expected < 1)) < 4000
-    out = wp.empty(len(place), dtype=wp.float64, device=device)
-    inputs = [wp.array(x, dtype=wp.vec3d, device=device) for x in (place, np.broadcast_to(sun, place.shape).copy())]
-    earth = earth_struct(scene.scenario.tracks.pole_icrs)
-    wp.launch(sunlit_fraction_kernel, len(place), inputs=[*inputs, earth], outputs=[out], device=device)
-    np.testing.assert_allclose(out.numpy(), expected, rtol=0, atol=SUNLIT_ATOL)
-
-
-def facets(shape):
-    """Normals (n, 3) and areas (n,) of a fine mesh of the body of revolution."""
-    n = 2000
-    phi = (np.arange(n) + 0.5) * 2 * np.pi / n
-    if shape.kind == "sphere":
-        z, weight = np.polynomial.legendre.leggauss(500)
-        ring = np.sqrt(1 - z * z)
-        x, y = np.outer(ring, np.cos(phi)), np.outer(ring, np.sin(phi))
-        normal = np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1).reshape(-1, 3)
-        return normal, np.repeat(weight, n) * 2 * np.pi / n * shape.radius_m**2
-    r, h = shape.radius_m, shape.height_m
-    top = r if shape.kind == "cylinder" else 0.0
-    slant = np.hypot(h, r - top)
-    side = np.stack([h * np.cos(phi), h * np.sin(phi), np.full(n, r - top)], axis=1) / slant
-    normal = np.concatenate([side, [[0, 0, 1.0], [0, 0, -1.0]]])
-    return normal, np.concatenate([np.full(n, np.pi * (r + top) * slant / n), [np.pi * top**2, np.pi * r**2]])
+    inputs = [place, np.broadcast_to(sun, place.shape), earth_struct(scene.scenario.tracks.pole_icrs)]
+    (found,) = launched(sunlit_kernel, len(place), inputs, [wp.float64], device)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=SUNLIT_ATOL)
 
 
 @pytest.mark.parametrize("target", ["center", "sphere04", "cylinder02", "cone03"])
@@ -107,12 +94,10 @@ def test_reflected_sunlight_is_that_of_a_mesh(day, device, target, record_accura
     frames = ws.Renderer(day, device=device).render([1, 33, 99], ["sat11", "sat47"], ["A", "E"])
     rows = frames.truth[frames.truth["target"] == target]
     spec = day.scenario.targets[day.target_names.index(target)].spec
-    normal, area = facets(spec.shape)
+    normal, area = facets(spec.shape, 2000, 500)
     assert np.all(rows["sunlit_fraction"] == 1)
     for row in rows[~rows["occulted"]]:
-        emitted_s = row["time_s"] - row["range_km"] * 1e3 / 299792458.0
-        place = day.position_m(target, [emitted_s])[0]
-        view = day.position_m(row["sensor"], [row["time_s"]])[0] - place
+        emitted_s, (place, view) = emission_s(row), sight_m(day, target, row)
         sun = day.position_m("sun", [emitted_s])[0] - place
         turned = Rotation.from_quat(day.scenario.attitude_quaternion(target, [emitted_s])[0]).apply(normal)
         lit = np.maximum(turned @ view / np.linalg.norm(view), 0) * np.maximum(turned @ sun / np.linalg.norm(sun), 0)
@@ -147,16 +132,13 @@ def test_reflected_heat_of_the_earth_is_that_of_a_mesh(day, device, target, reco
     truth = ws.Renderer(day, device=device).render([1, 99], ["sat11", "sat47"], ["A", "E"]).truth
     rows = truth[(truth["target"] == target) & ~truth["occulted"]]
     spec = day.scenario.targets[day.target_names.index(target)].spec
-    normal, area = facets(spec.shape)
+    normal, area = facets(spec.shape, 2000, 500)
     pole = day.scenario.tracks.pole_icrs
     for row in rows:
-        emitted_s = row["time_s"] - row["range_km"] * 1e3 / 299792458.0
-        place = day.position_m(target, [emitted_s])[0]
-        view = day.position_m(row["sensor"], [row["time_s"]])[0] - place
+        emitted_s, (place, view) = emission_s(row), sight_m(day, target, row)
         distance = np.linalg.norm(place)
         up = place / distance
-        a, b = 6378137.0, 6378137.0 * (1 - 1 / 298.257223563)
-        radius = 1 / np.sqrt((1 - (up @ pole) ** 2) / a**2 + (up @ pole) ** 2 / b**2)
+        radius = ground_m(up, pole)
         turned = Rotation.from_quat(day.scenario.attitude_quaternion(target, [emitted_s])[0]).apply(normal)
         factor = view_factors(-turned @ up, distance / radius)
         kelvin = {"A": 275.0, "E": 260.0}[row["band"]]
@@ -183,8 +165,7 @@ def test_sunlight_by_way_of_the_earth_is_that_of_patches(day, device, record_acc
     distance, au = np.linalg.norm(place), np.linalg.norm(sun - place) / 149597870700.0
     pole = day.scenario.tracks.pole_icrs
     up = place / distance
-    a, b = 6378137.0, 6378137.0 * (1 - 1 / 298.257223563)
-    radius = 1 / np.sqrt((1 - (up @ pole) ** 2) / a**2 + (up @ pole) ** 2 / b**2)
+    radius = ground_m(up, pole)
     # Patches of ground on rings of equal area about the point below, as far as the horizon.
     n = 400
     cosine = 1 - (np.arange(n) + 0.5) / n * (1 - radius / distance)
@@ -356,10 +337,7 @@ def test_curves_say_what_they_are(day):
 @pytest.mark.ci
 def test_a_mesh_gives_the_light_of_the_body_it_is_made_after(day, device):
     """A cube without spin against a closed form; a fine cone against the cone; spin turns a brick."""
-    corner = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    triangles = [[f[0], f[i], f[i + 1]] for f in faces for i in (1, 2)]
-    brick = ws.Mesh(vertices_m=(corner * [1.0, 0.2, 0.5]).tolist(), faces=triangles)
+    brick = ws.Mesh(vertices_m=CORNERS * [1.0, 0.2, 0.5], faces=TRIANGLES)
     spinning = {"spin_rev_s": 0.02, "spin_phase_rev": 0.0, "axis": [0.3, 0.1, 0.9], "precession_phase_rev": 0.0}
     one = day.replace(targets__0__shape=brick, targets__0__attitude=spinning)
     time_s = np.linspace(0, 40, 9)

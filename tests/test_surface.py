@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import warp as wp
 from astropy.table import Table
+from on_devices import launched, radiance_kernel
+from refusals import refused_in_one_line
 from scipy.integrate import quad
-from warpsim_kernels.emission import RadianceTable, band_radiance_w_m2_sr
 
 import warpsim as ws
 from warpsim.radiometry.sun_and_earth import earth_spectrum, solar_spectrum
@@ -79,9 +80,8 @@ def test_tables_do_not_change_and_can_be_keys():
     ],
 )
 def test_bad_surfaces_are_refused_in_one_line(fields, message):
-    with pytest.raises(ws.InputError, match=message) as caught:
+    with refused_in_one_line(message):
         ws.Graybody(**fields)
-    assert "\n" not in str(caught.value)
 
 
 def test_every_band_of_the_scene_must_be_covered(scene):
@@ -204,21 +204,13 @@ def test_it_serves_any_band_and_its_emissivity_follows_the_temperature():
         WHITE.emissivity_in("A")
 
 
-@wp.kernel
-def radiance_kernel(table: RadianceTable, kelvin: wp.array[wp.float64], radiance: wp.array2d[wp.float64]):
-    row, i = wp.tid()
-    radiance[row, i] = band_radiance_w_m2_sr(table, row, kelvin[i])
-
-
 def test_the_device_has_a_row_for_each_band_and_surface(device, record_accuracy):
     table = make_radiance(BANDS[:3], (150.0, 600.0), wp.get_device(device), [WHITE, MIRROR])
     kelvin = np.random.default_rng(8).uniform(150.0, 600.0, 200)
-    out = wp.empty((9, 200), dtype=wp.float64, device=device)
-    inputs = [table, wp.array(kelvin, dtype=wp.float64, device=device)]
-    wp.launch(radiance_kernel, out.shape, inputs=inputs, outputs=[out], device=device)
+    (found,) = launched(radiance_kernel, (9, 200), [table, kelvin], [wp.float64], device)
     expected = [ws.band_radiance_w_m2_sr(kelvin, band) for band in BANDS[:3]]
     expected += [surface.emitted_w_m2_sr(kelvin, band) for surface in (WHITE, MIRROR) for band in BANDS[:3]]
-    error = np.abs(out.numpy() / np.array(expected) - 1).max()
+    error = np.abs(found / np.array(expected) - 1).max()
     record_accuracy("Emission by wavelength, in the kernel", error, TABLE_RTOL, "of it", "the integral")
 
 
@@ -348,9 +340,8 @@ def test_bad_files_are_refused_in_one_line(scene, tmp_path, text, message):
     path = tmp_path / "bad.csv"
     path.write_text(text)
     bad = scene.replace(targets__0__surface={"reflectance": {"file": str(path)}})
-    with pytest.raises(ws.InputError, match=rf"targets\[0\]\.surface: .*bad\.csv: .*{message}") as caught:
+    with refused_in_one_line(rf"targets\[0\]\.surface: .*bad\.csv: .*{message}"):
         _ = bad.scenario
-    assert "\n" not in str(caught.value)
 
 
 def test_a_column_of_a_file_with_several(tmp_path):
@@ -378,9 +369,8 @@ def test_a_column_of_a_file_with_several(tmp_path):
     ids=range(11),
 )
 def test_bad_nodes_are_refused_in_one_line(given, message):
-    with pytest.raises(ws.InputError, match=message) as caught:
+    with refused_in_one_line(message):
         ws.Graybody(emissivity=given)
-    assert "\n" not in str(caught.value)
 
 
 def test_only_one_of_both_is_given_by_wavelength():

@@ -8,16 +8,18 @@ import mpmath
 import numpy as np
 import pytest
 import warp as wp
+from bodies import ends_m
+from on_devices import launched, radiance_kernel
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial import ConvexHull
-from warpsim_kernels import apparent, emission, motion
+from warpsim_kernels import apparent, motion
 from warpsim_kernels.earth import Earth, is_occulted
 
 import warpsim as ws
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, SPEED_OF_LIGHT_M_S
 from warpsim.orbit.track import Track
-from warpsim.render.target_field import make_radiance
-from warpsim.target.attitude import attitude_frame
+from warpsim.render.target_field import earth_struct, make_radiance
+from warpsim.target.attitude import body_motion
 
 SEED = 577215
 
@@ -50,12 +52,6 @@ SHAPES = {
     "plate": ws.Plate(2.0, 0.3),
 }
 every_shape = pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
-
-
-def ends_m(shape):
-    """Radii of base and top, and height."""
-    top = {"cylinder": shape.radius_m, "cone": 0.0, "frustum": getattr(shape, "top_radius_m", None)}[shape.kind]
-    return shape.radius_m, top, shape.height_m
 
 
 def side_angle_rad(shape):
@@ -173,11 +169,7 @@ def attitude_struct(frame, tilt_rad, precession=(0.0, 0.0), rolling=(0.0, 0.0)):
 
 
 def device_attitude(struct, time_s, device):
-    turn = wp.empty(len(time_s), dtype=wp.float64, device=device)
-    axis = wp.empty(len(time_s), dtype=wp.vec3d, device=device)
-    inputs = [struct, wp.array(time_s, dtype=wp.float64, device=device)]
-    wp.launch(attitude_kernel, len(time_s), inputs=inputs, outputs=[turn, axis], device=device)
-    return turn.numpy(), axis.numpy()
+    return launched(attitude_kernel, len(time_s), [struct, time_s], [wp.float64, wp.vec3d], device)
 
 
 def some_frame(seed=SEED):
@@ -254,7 +246,7 @@ def test_rolling_runs_along_a_great_circle(device):
 def test_attitude_frame_is_right_handed_and_seeded(axis):
     attitude = ws.Attitude(precession_rev_s=1.0, precession_angle_deg=5.0, rolling_rev_s=0.1, axis=axis)
     velocity = np.array([1000.0, -7000.0, 30.0])
-    settled = attitude_frame(attitude, velocity, 7, 3)
+    settled = body_motion(attitude, velocity, 7, 3)
     frame = settled.axes
     np.testing.assert_allclose(frame @ frame.T, np.eye(3), rtol=0, atol=1e-15 * 4)
     np.testing.assert_allclose(np.cross(frame[0], frame[1]), frame[2], rtol=0, atol=1e-15 * 4)
@@ -263,7 +255,7 @@ def test_attitude_frame_is_right_handed_and_seeded(axis):
         np.testing.assert_allclose(frame[0], wanted / np.linalg.norm(wanted), rtol=0, atol=1e-15)
     for phase in (settled.precession_phase_rev, settled.rolling_phase_rev, settled.spin_phase_rev):
         assert 0 < phase < 1
-    again, other = attitude_frame(attitude, velocity, 7, 3), attitude_frame(attitude, velocity, 7, 4)
+    again, other = body_motion(attitude, velocity, 7, 3), body_motion(attitude, velocity, 7, 4)
     np.testing.assert_array_equal(again.axes, frame)
     assert not np.allclose(other.axes[1], frame[1])
 
@@ -350,17 +342,8 @@ def light_path_kernel(
 
 
 def launch_light_path(tracks, time, observer, earth_m_s, observer_m_s, device):
-    n = len(time)
-    outputs = [wp.empty(n, dtype=kind, device=device) for kind in (wp.float64, wp.float64, wp.vec3d)]
-    inputs = [
-        upload_tracks(tracks, device),
-        wp.array(time, dtype=wp.float64, device=device),
-        wp.array(observer, dtype=wp.vec3d, device=device),
-        wp.vec3d(*earth_m_s),
-        wp.array(observer_m_s, dtype=wp.vec3d, device=device),
-    ]
-    wp.launch(light_path_kernel, n, inputs=inputs, outputs=outputs, device=device)
-    return [x.numpy() for x in outputs]
+    inputs = [upload_tracks(tracks, device), time, observer, wp.vec3d(*earth_m_s), observer_m_s]
+    return launched(light_path_kernel, len(time), inputs, [wp.float64, wp.float64, wp.vec3d], device)
 
 
 EARTH_M_S = np.array([-8_123.0, 26_700.0, 11_570.0])
@@ -422,16 +405,6 @@ def test_target_at_the_sensor_stays_finite(device):
     assert np.isfinite(seen).all()
 
 
-@wp.kernel(enable_backward=False)
-def radiance_kernel(
-    table: emission.RadianceTable,
-    temperature_k: wp.array[wp.float64],
-    radiance: wp.array2d[wp.float64],
-):
-    band, i = wp.tid()
-    radiance[band, i] = emission.band_radiance_w_m2_sr(table, band, temperature_k[i])
-
-
 @pytest.mark.parametrize(
     ("start_k", "end_k"), [(300.0, 300.0), (200.0, 500.0), (50.0, 6000.0), (1e4, 1e4), (3.0, 30.0)], ids=str
 )
@@ -439,10 +412,8 @@ def test_radiance_table_matches_the_integral(device, start_k, end_k, record_accu
     bands = list(ws.BANDS)
     table = make_radiance(bands, (start_k, end_k), wp.get_device(device))
     kelvin = np.append(np.geomspace(start_k, end_k, 1001), [start_k, end_k])
-    out = wp.empty((len(bands), len(kelvin)), dtype=wp.float64, device=device)
-    inputs = [table, wp.array(kelvin, dtype=wp.float64, device=device)]
-    wp.launch(radiance_kernel, out.shape, inputs=inputs, outputs=[out], device=device)
-    for name, seen in zip(bands, out.numpy(), strict=True):
+    (found,) = launched(radiance_kernel, (len(bands), len(kelvin)), [table, kelvin], [wp.float64], device)
+    for name, seen in zip(bands, found, strict=True):
         expected = ws.band_radiance_w_m2_sr(kelvin, ws.BANDS[name])
         np.testing.assert_allclose(seen, expected, rtol=RADIANCE_RTOL, atol=RADIANCE_FLOOR_W_M2_SR)
         known = expected > 1e3 * RADIANCE_FLOOR_W_M2_SR
@@ -483,10 +454,8 @@ def test_radiance_table_from_3_to_10000_kelvin_is_planck(device, band):
     """One table for all temperatures, against mpmath: between nodes, and where the band has next to no light."""
     tables = make_radiance([band], (3.0, 1e4), wp.get_device(device))
     kelvin = np.concatenate([np.geomspace(3.0, 1e4, 20), np.random.default_rng(SEED).uniform(3.0, 9.0, 5)])
-    out = wp.empty((1, len(kelvin)), dtype=wp.float64, device=device)
-    wp.launch(radiance_kernel, out.shape, inputs=[tables, wp.array(kelvin, dtype=wp.float64, device=device)],
-              outputs=[out], device=device)  # fmt: skip
-    for seen, temperature_k in zip(out.numpy()[0], kelvin, strict=True):
+    (found,) = launched(radiance_kernel, (1, len(kelvin)), [tables, kelvin], [wp.float64], device)
+    for seen, temperature_k in zip(found[0], kelvin, strict=True):
         expected = float(exact_radiance(temperature_k, band))
         assert seen == pytest.approx(expected, rel=WIDE_RADIANCE_RTOL, abs=RADIANCE_FLOOR_W_M2_SR)
 
@@ -502,14 +471,9 @@ def occulted_kernel(
 
 
 def device_occulted(observer, vector, pole, device):
-    earth = Earth()
-    earth.pole = wp.vec3d(*pole)
-    earth.equatorial_radius_m = EARTH_EQUATORIAL_RADIUS_M
-    earth.polar_radius_m = EARTH_EQUATORIAL_RADIUS_M * (1 - EARTH_FLATTENING)
-    out = wp.empty(len(observer), dtype=wp.int32, device=device)
-    arrays = [wp.array(x, dtype=wp.vec3d, device=device) for x in (observer, vector)]
-    wp.launch(occulted_kernel, len(observer), inputs=[*arrays, earth], outputs=[out], device=device)
-    return out.numpy().astype(bool)
+    earth = earth_struct(np.asarray(pole))
+    (hidden,) = launched(occulted_kernel, len(observer), [observer, vector, earth], [wp.int32], device)
+    return hidden.astype(bool)
 
 
 def test_occultation_matches_sampling_of_the_segment(device):

@@ -4,16 +4,19 @@ import mpmath
 import numpy as np
 import pytest
 import warp as wp
+from bodies import aspects_rad, emission_s
+from on_devices import launched, target_field
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipkm1
-from warpsim_kernels import motion, torque_free
+from warpsim_kernels import motion
+from warpsim_kernels.timed_tables import torque_free_axes
 
 import warpsim as ws
 from warpsim.output.check import scene_report
 from warpsim.quaternion import product, rotated, rotation_between_rad
-from warpsim.render.target_field import make_nutations, make_target_field, motion_struct
-from warpsim.target.attitude import attitude_frame, attitude_quaternion
+from warpsim.render.target_field import make_nutations, motion_struct
+from warpsim.target.attitude import body_motion
 from warpsim.target.rotating_area import RotatingArea
 
 ROTATION_ATOL_RAD = 1e-9  # asked for over 1,000 rotations; the cubics are good to 1e-11
@@ -191,7 +194,7 @@ def test_symmetric_body_precesses_as_the_motion_does(moments):
     )  # fmt: skip
     times_s = np.linspace(0.0, 3000.0, 400)
     ours = Rotation.from_quat(free(moments, tuple(rate)).at(times_s))
-    theirs = Rotation.from_quat(attitude_quaternion(attitude, attitude_frame(attitude, np.ones(3), 0, 0), times_s))
+    theirs = Rotation.from_quat(body_motion(attitude, np.ones(3), 0, 0).at(times_s))
     # Phases apart, which are those of the start: about the momentum, and about the body's axis.
     reference = rotated(START, momentum) / np.linalg.norm(momentum)
     azimuth = [turned.apply([0.0, 0.0, 1.0])[0] for turned in (theirs, ours)]
@@ -254,7 +257,7 @@ def axes_kernel(
     time_s: wp.array[wp.float64], axes: wp.array[wp.mat33d],
 ):  # fmt: skip
     i = wp.tid()
-    axes[i] = torque_free.torque_free_axes(attitude, nodes, first, count, time_s[i])
+    axes[i] = torque_free_axes(attitude, nodes, first, count, time_s[i])
 
 
 def test_kernel_has_the_hosts_rotation(device):
@@ -263,11 +266,10 @@ def test_kernel_has_the_hosts_rotation(device):
     assert spans[-1] == spans[0] and nodes.shape[0] == sum(count for _, count in spans[:-1])
     times_s = np.concatenate([[0.0, -0.5, 1e6], np.random.default_rng(3).uniform(0, 1e5, 500)])
     for own, (first, count) in zip(bodies, spans, strict=False):
-        out = wp.empty(len(times_s), dtype=wp.mat33d, device=device)
-        inputs = [motion_struct(own), nodes, first, count, wp.array(times_s, dtype=wp.float64, device=device)]
-        wp.launch(axes_kernel, len(times_s), inputs=inputs, outputs=[out], device=device)
+        inputs = [motion_struct(own), nodes, first, count, times_s]
+        (found,) = launched(axes_kernel, len(times_s), inputs, [wp.mat33d], device)
         expected = np.stack([rotated(own.at(times_s), axis) for axis in np.eye(3)], axis=1)
-        assert np.abs(out.numpy() - expected).max() < 10 * KERNEL_ATOL
+        assert np.abs(found - expected).max() < 10 * KERNEL_ATOL
 
 
 def test_sign_is_continuous():
@@ -319,21 +321,16 @@ def test_truth_has_the_aspect_of_the_rotation(tumbling, device):
     truth = ws.Renderer(tumbling, device=device).render(range(3), tumbling.sensor_names[:2], ["A"]).truth
     for name in ("center", "cylinder01"):
         rows = truth[truth["target"] == name]
-        emitted_s = np.array(rows["time_s"] - rows["range_km"] * 1e3 / 299_792_458.0)
-        observer = np.stack([tumbling.scenario.position_m(row["sensor"], row["time_s"])[0] for row in rows])
-        sight = observer - tumbling.scenario.position_m(name, emitted_s)
-        cosine = np.sum(tumbling.scenario.body_axis(name, emitted_s) * sight, axis=1) / np.linalg.norm(sight, axis=1)
+        cosine = np.cos(aspects_rad(tumbling, name, rows))
         np.testing.assert_allclose(np.cos(np.radians(rows["aspect_deg"])), cosine, rtol=0, atol=1e-9)
-        expected = Rotation.from_quat(tumbling.scenario.attitude_quaternion(name, emitted_s)).inv().as_matrix()
+        expected = Rotation.from_quat(tumbling.scenario.attitude_quaternion(name, emission_s(rows))).inv().as_matrix()
         labelled = Rotation.from_quat(np.stack([rows[f"target_q{part}"] for part in "xyzw"], axis=1)).as_matrix()
         np.testing.assert_allclose(labelled, expected, rtol=0, atol=1e-9)
 
 
 def test_kernel_holds_it_only_where_a_target_turns_freely(tumbling):
     plain = ws.Scene.load("stss")
-    fields = [
-        make_target_field(s.scenario, s.scenario.instrument, ["A"], wp.get_device("cpu")) for s in (plain, tumbling)
-    ]
+    fields = [target_field(one, ["A"]) for one in (plain, tumbling)]
     assert [field.features.torque_free for field in fields] == [False, True]
 
 

@@ -5,7 +5,6 @@ Sums are float64 on both, over images and areas that differ in the last bits of 
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -16,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 import warpsim as ws
-from benchmarks.gpu.plan import Plan, Row, rows_of
+from benchmarks.gpu.plan import Plan, Row, lack_of_torch, rows_of
 from benchmarks.gradients import IN_SUNLIGHT, PARAMETERS
 
 OF_LARGEST = 1e-5
@@ -122,12 +121,10 @@ def of_curves(device: str, n_set: int) -> Row:
 
 def of_tensors(device: str) -> Row:
     """`ws.torch.render` on tensors of the device, on a stream of their own, and its gradients."""
-    if importlib.util.find_spec("torch") is None:
-        return {"skipped": "needs PyTorch"}
+    if lack := lack_of_torch(device):
+        return lack
     import torch
 
-    if device.startswith("cuda") and not torch.cuda.is_available():
-        return {"skipped": "needs PyTorch with CUDA"}
     xy_px, flux, cotangent = _sources()
     psf, shape, expected = PATTERNS["Gaussian"], (N_PIXEL, N_PIXEL), ws.deposit_gradient
     wanted = expected(xy_px, flux, psf, shape, cotangent, "cpu")

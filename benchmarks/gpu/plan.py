@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -25,6 +26,16 @@ class Plan:
     def is_cuda(self) -> bool:
         """Whether it is a GPU."""
         return self.device.startswith("cuda")
+
+
+def lack_of_torch(device: str) -> Row | None:
+    """Return the row of a check that needs PyTorch on a device, where it is not there."""
+    if importlib.util.find_spec("torch") is None:
+        return {"skipped": "needs PyTorch"}
+    import torch
+
+    is_there = not device.startswith("cuda") or torch.cuda.is_available()
+    return None if is_there else {"skipped": "needs PyTorch with CUDA"}
 
 
 def rows_of(checks: Iterable[tuple[str, Check]]) -> Iterator[Row]:

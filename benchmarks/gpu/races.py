@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,7 +14,7 @@ import numpy.typing as npt
 import warp as wp
 
 import warpsim as ws
-from benchmarks.gpu.plan import Plan, Row, rows_of
+from benchmarks.gpu.plan import Plan, Row, lack_of_torch, rows_of
 
 Counts = npt.NDArray[np.uint16]
 
@@ -183,13 +182,11 @@ def array_interface(device: str, n: int) -> Row:
 
 
 def _read_late(device: str, n: int, tensor_of: Callable[[Any, ws.FrameSet], Any]) -> Row:
-    if importlib.util.find_spec("torch") is None:
-        return {"skipped": "needs PyTorch"}
+    if lack := lack_of_torch(device):
+        return lack
     import torch
 
     is_cuda = wp.get_device(device).is_cuda
-    if is_cuda and not torch.cuda.is_available():
-        return {"skipped": "needs PyTorch with CUDA"}
     renderer = ws.Renderer(scene(), device)
     expected = [_light(renderer, first, n).signal_w_cm2.numpy().copy() for first in range(4)]
     side = torch.cuda.Stream(device) if is_cuda else None
@@ -213,8 +210,8 @@ def _light(renderer: ws.Renderer, first: int, n: int) -> Any:
 
 def default_stream(device: str, n: int) -> Row:
     """PyTorch works on its default stream in a thread while renderers are made and render."""
-    if importlib.util.find_spec("torch") is None:
-        return {"skipped": "needs PyTorch"}
+    if lack := lack_of_torch(device):
+        return lack
     import torch
 
     ones, done, n_step = torch.ones(1000, device=device), threading.Event(), [0]

@@ -43,14 +43,6 @@ def _work(plan: Plan, n_pixel: int, psf: str, n_frame: int) -> SpeedWork:
     return speed_work(n_pixel, 5 if plan.quick else 100, 1, psf, n_frame)
 
 
-def _rounds(plan: Plan) -> int:
-    return 2 if plan.quick else N_ROUND
-
-
-def _sizes(plan: Plan) -> dict[int, tuple[int, ...]]:
-    return SMALL_FRAMES if plan.quick else FRAMES
-
-
 def speed(plan: Plan) -> Iterator[Row]:
     """Images per second by size, point spread function and frames of a call; then with other settings."""
 
@@ -68,11 +60,11 @@ def speed(plan: Plan) -> Iterator[Row]:
             work = replace(work, scene=work.scene.replace(**changes))
         with patch or nullcontext():
             renderer = ws.Renderer(work.scene, plan.device, catalog=work.catalog, **arguments)
-            found = work_fps(work, renderer, _rounds(plan), resident)
+            found = work_fps(work, renderer, (2 if plan.quick else N_ROUND), resident)
         size = {"n_pixel": n_pixel, "psf": psf, "n_frame": n_frame, "resident": resident}
         return {**size, "fps": found, "us_per_image": 1e6 / found, "buffer_mb": renderer.buffer_bytes / 1e6}
 
-    sizes = _sizes(plan)
+    sizes = SMALL_FRAMES if plan.quick else FRAMES
     cases: list[tuple[str, Any]] = [
         (f"{psf} {n_pixel}, {n_frame} frames", partial(fps, n_pixel, psf, n_frame))
         for n_pixel, frames in sizes.items()
@@ -86,7 +78,7 @@ def speed(plan: Plan) -> Iterator[Row]:
         for setting, arguments in SETTINGS.items():
             cases.append((f"{name}, {setting}", partial(fps, n_pixel, "gaussian", n_frame, **arguments)))
         for n_thread in RUN_THREADS:
-            threads = _run_threads(n_thread)
+            threads = mock.patch.object(stages, "RUN_THREADS", n_thread)
             cases.append(
                 (f"{name}, {n_thread} threads a run", partial(fps, n_pixel, "gaussian", n_frame, patch=threads))
             )
@@ -98,10 +90,6 @@ def speed(plan: Plan) -> Iterator[Row]:
                 (f"{name}, light of {mib} MiB in memory", partial(fps, n_pixel, "gaussian", n_frame, patch=patch))
             )
     return rows_of(cases)
-
-
-def _run_threads(n_thread: int) -> AbstractContextManager[Any]:
-    return mock.patch.object(stages, "RUN_THREADS", n_thread)
 
 
 @contextmanager
@@ -119,11 +107,11 @@ def stage_times(plan: Plan) -> Iterator[Row]:
 
     def times(n_pixel: int, psf: str, n_frame: int) -> Row:
         work = _work(plan, n_pixel, psf, n_frame)
-        us = stage_times_us(work, plan.device, _rounds(plan), resident=True)
+        us = stage_times_us(work, plan.device, (2 if plan.quick else N_ROUND), resident=True)
         return {"n_pixel": n_pixel, "psf": psf, "n_frame": n_frame, "stage_us": us, "sum_us": sum(us.values())}
 
     return rows_of(
         (f"{psf} {n_pixel}, {frames[-1]} frames", partial(times, n_pixel, psf, frames[-1]))
-        for n_pixel, frames in _sizes(plan).items()
+        for n_pixel, frames in (SMALL_FRAMES if plan.quick else FRAMES).items()
         for psf in PSFS
     )

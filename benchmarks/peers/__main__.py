@@ -10,25 +10,17 @@ from __future__ import annotations
 
 import argparse
 import statistics
-import time
-from collections.abc import Callable
 from functools import partial
 
 import warp as wp
 
 from benchmarks.peers.pairs import PEERS, draws, is_installed, make_peer, peer_error_nei
 from benchmarks.peers.work import PSFS, peer_work
+from benchmarks.programs import processor_s
 from warpsim.speed.work import render_call
 
 N_TURN = 12
 PIXELS_PER_TURN = 2**22
-
-
-def processor_s(call: Callable[[], object]) -> float:
-    """Processor time of a call, of all threads."""
-    begin = time.process_time()
-    call()
-    return time.process_time() - begin
 
 
 def look(name: str, psf: str, n_pixel: int, n_star: int, as_exact: bool) -> str:
@@ -44,7 +36,7 @@ def look(name: str, psf: str, n_pixel: int, n_star: int, as_exact: bool) -> str:
     n_theirs = n_frame if name == "Numba" else 8
     turns = [
         (
-            processor_s(lambda call=call: render_call(work.speed, renderer, call)) / n_frame,
+            processor_s(render_call, work.speed, renderer, call) / n_frame,
             processor_s(lambda: [peer.counts(frame) for frame in range(n_theirs)]) / n_theirs,
         )
         for call in range(N_TURN)

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,10 @@ PEERS = {
 
 GAUSSIANS_ONLY = ("sdasim",)
 """Peers that draw no other pattern."""
+
+N_PAIR = 9
+SMALL = (32, 5, 2)
+"""Pixels, stars and frames when benchmarks are disabled: only to see that it runs."""
 
 TURN_S = 0.2
 """Each has its turn for so long."""
@@ -95,6 +100,13 @@ class Pairs:
             "error_nei": float(np.abs(self.work.signal_nei(0) - exact).max()),
             "peer_error_nei": peer_error_nei(self.work, self.peer),
         }
+
+
+def compare(benchmark: Any, name: str, work: PeerWork, peer: Peer, n_thread: int, **facts: object) -> None:
+    """Measure pairs by pytest-benchmark, with all cores for 0 threads, and keep their facts."""
+    pairs = Pairs(work, peer, n_thread or None)
+    benchmark.pedantic(pairs.run, rounds=N_PAIR, warmup_rounds=0)
+    benchmark.extra_info.update(peer=name, one_thread=n_thread == 1, device="cpu", **facts, **pairs.facts())
 
 
 def busy_by_others_s() -> float:

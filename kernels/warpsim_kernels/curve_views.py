@@ -8,11 +8,10 @@ import functools
 import warp as wp
 
 from warpsim_kernels.apparent import ASTRONOMICAL_UNIT_M, Tracks, observer_of, path_from_target
-from warpsim_kernels.earth import geocentric_radius_m, is_occulted
+from warpsim_kernels.earth import geocentric_radius_m, is_occulted, sunlit_fraction
 from warpsim_kernels.earth_albedo import albedo_series_of, is_dark
 from warpsim_kernels.motion import linear_rate, linear_vector
 from warpsim_kernels.records import View
-from warpsim_kernels.shadow import sunlit_fraction
 from warpsim_kernels.signature import Features
 from warpsim_kernels.targets import Bodies, towards_sensor
 from warpsim_kernels.timed_tables import temperature_k

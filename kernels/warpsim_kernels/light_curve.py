@@ -15,8 +15,7 @@ from warpsim_kernels.emission import RadianceTable, Surfaces, band_radiance_w_m2
 from warpsim_kernels.motion import Attitude, axes_before_spin, spun
 from warpsim_kernels.shapes import Body, body_projected_area_m2, body_reflected_area_m2
 from warpsim_kernels.signature import ALBEDO, EARTH, EMITTED, SUN, Exposure, Features, Tables
-from warpsim_kernels.timed_tables import table_quaternion, turned_axes
-from warpsim_kernels.torque_free import torque_free_axes
+from warpsim_kernels.timed_tables import table_quaternion, torque_free_axes, turned_axes
 
 _ZERO = wp.constant(wp.float64(0.0))
 _ONE = wp.constant(wp.float64(1.0))

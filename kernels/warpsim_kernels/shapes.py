@@ -198,40 +198,28 @@ def projected_area_kernel(
 
 
 @wp.func
-def facets_projected_area_m2(facets: Facets, first: int, count: int, view: wp.vec3d) -> wp.float64:
-    """Sum of area * max(0, n.view) over facets first to first + count - 1 [m2]; view: unit, body axes."""
+def body_projected_area_m2(body: Body, facets: Facets, view: wp.vec3d) -> wp.float64:
+    """Projected area of a body of any kind [m2]; view: unit, body axes."""
+    if body.n_facet == 0:
+        return projected_area_m2(body, view[2], wp.sqrt(view[0] * view[0] + view[1] * view[1]))
     zero = wp.float64(0.0)
     total = wp.float64(0.0)
-    for i in range(first, first + count):
+    for i in range(body.first_facet, body.first_facet + body.n_facet):
         total += facets.area_m2[i] * wp.max(wp.dot(facets.normal[i], view), zero)
     return total
 
 
 @wp.func
-def facets_reflected_area_m2(facets: Facets, first: int, count: int, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
-    """Sum of area * max(0, n.view) * max(0, n.sun) over facets [m2]; unit vectors in body axes."""
+def body_reflected_area_m2(body: Body, facets: Facets, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
+    """Reflected area of a body of any kind [m2]; unit vectors in body axes."""
+    if body.n_facet == 0:
+        return reflected_area_m2(body, view, sun)
     zero = wp.float64(0.0)
     total = wp.float64(0.0)
-    for i in range(first, first + count):
+    for i in range(body.first_facet, body.first_facet + body.n_facet):
         normal = facets.normal[i]
         total += facets.area_m2[i] * wp.max(wp.dot(normal, view), zero) * wp.max(wp.dot(normal, sun), zero)
     return total
-
-
-@wp.func
-def body_projected_area_m2(body: Body, facets: Facets, view: wp.vec3d) -> wp.float64:
-    """Projected area of a body of any kind [m2]; view: unit, body axes."""
-    if body.n_facet > 0:
-        return facets_projected_area_m2(facets, body.first_facet, body.n_facet, view)
-    return projected_area_m2(body, view[2], wp.sqrt(view[0] * view[0] + view[1] * view[1]))
-
-
-@wp.func
-def body_reflected_area_m2(body: Body, facets: Facets, view: wp.vec3d, sun: wp.vec3d) -> wp.float64:
-    """Reflected area of a body of any kind [m2]; unit vectors in body axes."""
-    if body.n_facet > 0:
-        return facets_reflected_area_m2(facets, body.first_facet, body.n_facet, view, sun)
-    return reflected_area_m2(body, view, sun)
 
 
 @wp.kernel(enable_backward=False)

@@ -12,11 +12,10 @@ import warp as wp
 
 from warpsim_kernels.angles import angle_from_x
 from warpsim_kernels.apparent import ASTRONOMICAL_UNIT_M
-from warpsim_kernels.earth import Earth, geocentric_radius_m
+from warpsim_kernels.earth import Earth, geocentric_radius_m, sunlit_fraction
 from warpsim_kernels.earth_albedo import albedo_series_of, is_dark
 from warpsim_kernels.earth_infrared import earth_area_m2
 from warpsim_kernels.motion import Attitude, axes_before_spin, spun
-from warpsim_kernels.shadow import sunlit_fraction
 from warpsim_kernels.shapes import (
     Body,
     Facets,
@@ -25,8 +24,13 @@ from warpsim_kernels.shapes import (
     projected_area_m2,
     reflected_area_m2,
 )
-from warpsim_kernels.timed_tables import AttitudeTables, TemperatureTables, table_quaternion, turned_axes
-from warpsim_kernels.torque_free import torque_free_axes
+from warpsim_kernels.timed_tables import (
+    AttitudeTables,
+    TemperatureTables,
+    table_quaternion,
+    torque_free_axes,
+    turned_axes,
+)
 
 
 class Features(NamedTuple):

@@ -115,15 +115,14 @@ class CurveTarget:
         motion = self.attitude.attitude if isinstance(self.attitude, BodyMotion) else None
         values: dict[str, Any] = {"scale": 1.0, "range_offset_m": 0.0, "temperature_offset_k": 0.0}
         if motion is not None:
-            frame = self.attitude.frame
-            reference, first, _ = frame.axes
+            reference, first, _ = self.attitude.axes
             ra, dec = np.arctan2(reference[1], reference[0]), np.arctan2(reference[2], np.hypot(*reference[:2]))
             north, beside = axes_about(np.atleast_1d(ra), np.atleast_1d(dec))[0, 1:]
             turn = np.arctan2(first @ beside, first @ north) / (2 * np.pi)
             values |= {name: getattr(motion, name) for name in _ATTITUDE if name.endswith("rev_s")}
-            values |= {name: getattr(frame, name) for name in ("spin_phase_rev", "rolling_phase_rev")}
+            values |= {name: getattr(self.attitude, name) for name in ("spin_phase_rev", "rolling_phase_rev")}
             values["precession_angle_deg"] = motion.precession_angle_deg
-            values["precession_phase_rev"] = frame.precession_phase_rev + turn
+            values["precession_phase_rev"] = self.attitude.precession_phase_rev + turn
             for name in ("spin", "precession", "rolling"):
                 since_rev = turns(values[f"{name}_rev_s"], np.array(self.phase_s))
                 values[f"{name}_phase_rev"] = (values[f"{name}_phase_rev"] + since_rev) % 1.0

@@ -268,15 +268,15 @@ def motion_struct(attitude: AnyAttitude) -> Any:
         struct.spin_rev_s = attitude.nutation.rate_rev_s
     if not isinstance(attitude, BodyMotion):
         return struct
-    motion, frame = attitude.attitude, attitude.frame
-    struct.reference, struct.first, struct.second = (wp.vec3d(*axis) for axis in frame.axes)
+    motion = attitude.attitude
+    struct.reference, struct.first, struct.second = (wp.vec3d(*axis) for axis in attitude.axes)
     struct.tilt_rad = float(np.radians(motion.precession_angle_deg))
     struct.precession_rev_s = motion.precession_rev_s
-    struct.precession_phase_rev = frame.precession_phase_rev
+    struct.precession_phase_rev = attitude.precession_phase_rev
     struct.rolling_rev_s = motion.rolling_rev_s
-    struct.rolling_phase_rev = frame.rolling_phase_rev
+    struct.rolling_phase_rev = attitude.rolling_phase_rev
     struct.spin_rev_s = motion.spin_rev_s
-    struct.spin_phase_rev = frame.spin_phase_rev
+    struct.spin_phase_rev = attitude.spin_phase_rev
     return struct
 
 

@@ -10,7 +10,7 @@ from warpsim.scene.groups import TargetGroup
 from warpsim.scene.short_form import with_paths
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
-from warpsim.target.attitude import BodyMotion, attitude_frame
+from warpsim.target.attitude import BodyMotion, body_motion
 from warpsim.target.attitude_table import AttitudeRows, AttitudeTable
 from warpsim.target.torque_free import TorqueFree, TorqueFreeMotion
 
@@ -37,7 +37,7 @@ def target_attitudes(
         begin_s = max(0.0, first_s, min(target.release_s, last_s))  # some are gone before their release
         velocity_m_s = tracks.targets[number].state(begin_s)[1]
         with errors_at("", target.name), errors_at("attitude"):
-            found.append(BodyMotion(attitude, attitude_frame(attitude, velocity_m_s, seed, number)))
+            found.append(body_motion(attitude, velocity_m_s, seed, number))
     return found
 
 

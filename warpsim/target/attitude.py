@@ -88,18 +88,48 @@ class Attitude:
 
 
 @dataclass(frozen=True)
-class AttitudeFrame:
-    """Axes and phases of one target's motion, set by the seed and the release."""
+class BodyMotion:
+    """A motion of one target, with the axes and phases that the seed and the release set."""
 
+    attitude: Attitude
     axes: F64
     """Rows reference, first, second: right-handed, unit, GCRS axes; shape (3, 3)."""
     spin_phase_rev: float
     precession_phase_rev: float
     rolling_phase_rev: float
 
+    def at(self, time_s: npt.ArrayLike) -> F64:
+        """Rotation body -> GCRS at times after the epoch [s]; scalar last, unit, shape (n, 4).
 
-def attitude_frame(attitude: Attitude, velocity_m_s: F64, seed: int, target: int) -> AttitudeFrame:
-    """Return fixed axes and phases of the motion of a scene's target; each has random numbers of its own."""
+        The sign depends on the time alone and is continuous in it: quaternions of neighbouring times lie in one
+        hemisphere if the body turns by less than half a turn between them.
+        """
+        time, attitude = np.atleast_1d(np.asarray(time_s, dtype=np.float64)), self.attitude
+
+        def half_angle_rad(rate_rev_s: float, phase_rev: float) -> F64:
+            # Turns of the half-angle, at half the rate: its sine and cosine are continuous over the body's whole turns.
+            return np.asarray(2 * np.pi * (turns(rate_rev_s / 2, time) + phase_rev / 2))
+
+        azimuth = half_angle_rad(attitude.precession_rev_s, self.precession_phase_rev)
+        polar = half_angle_rad(attitude.rolling_rev_s, self.rolling_phase_rev)
+        polar += np.radians(attitude.precession_angle_deg) / 2
+        spin = half_angle_rad(attitude.spin_rev_s, self.spin_phase_rev)
+        c, s = np.cos(polar), np.sin(polar)
+        turned = np.stack(  # about z by azimuth, y by polar, z by spin, multiplied out
+            [
+                -s * np.sin(azimuth - spin),
+                s * np.cos(azimuth - spin),
+                c * np.sin(azimuth + spin),
+                c * np.cos(azimuth + spin),
+            ],
+            axis=-1,
+        )
+        reference, first, second = self.axes
+        return product(from_matrix(np.column_stack([first, second, reference])), turned)
+
+
+def body_motion(attitude: Attitude, velocity_m_s: F64, seed: int, target: int) -> BodyMotion:
+    """Return the motion of a scene's target; each has random numbers of its own."""
     u = uniforms(seed, "attitude", target, 6)
     reference = _reference(attitude, velocity_m_s, u)
     if attitude.precession_phase_rev is None:
@@ -113,7 +143,8 @@ def attitude_frame(attitude: Attitude, velocity_m_s: F64, seed: int, target: int
         second = _cross(reference, _AXES[2 if np.hypot(*reference[:2]) > NEAR_POLE_RAD else 0])
         second /= np.linalg.norm(second)
         first = _cross(second, reference)
-    return AttitudeFrame(
+    return BodyMotion(
+        attitude,
         np.stack([reference, first, second]),
         _phase_rev(attitude.spin_phase_rev, u[5]),
         _phase_rev(attitude.precession_phase_rev, u[3]),
@@ -148,53 +179,6 @@ def _reference(attitude: Attitude, velocity_m_s: F64, u: F64) -> F64:
         reference = np.asarray(attitude.axis, dtype=np.float64)
     reference = reference / np.abs(reference).max()  # first, so that the squares neither overflow nor vanish
     return np.asarray(reference / np.linalg.norm(reference))
-
-
-def attitude_quaternion(attitude: Attitude, frame: AttitudeFrame, time_s: npt.ArrayLike) -> F64:
-    """Rotation body -> GCRS of a motion, scalar last, unit, shape (n, 4).
-
-    The sign depends on the time alone and is continuous in it: quaternions of neighbouring times lie in one hemisphere
-    if the body turns by less than half a turn between them.
-
-    Args:
-        attitude: The description.
-        frame: What `attitude_frame` gave.
-        time_s: Times after the epoch [s], shape (n,).
-    """
-    time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
-
-    def half_angle_rad(rate_rev_s: float, phase_rev: float) -> F64:
-        # Turns of the half-angle, at half the rate: its sine and cosine are continuous over whole turns of the body.
-        return np.asarray(2 * np.pi * (turns(rate_rev_s / 2, time) + phase_rev / 2))
-
-    azimuth = half_angle_rad(attitude.precession_rev_s, frame.precession_phase_rev)
-    polar = half_angle_rad(attitude.rolling_rev_s, frame.rolling_phase_rev)
-    polar += np.radians(attitude.precession_angle_deg) / 2
-    spin = half_angle_rad(attitude.spin_rev_s, frame.spin_phase_rev)
-    c, s = np.cos(polar), np.sin(polar)
-    turned = np.stack(  # about z by azimuth, y by polar, z by spin, multiplied out
-        [
-            -s * np.sin(azimuth - spin),
-            s * np.cos(azimuth - spin),
-            c * np.sin(azimuth + spin),
-            c * np.cos(azimuth + spin),
-        ],
-        axis=-1,
-    )
-    reference, first, second = frame.axes
-    return product(from_matrix(np.column_stack([first, second, reference])), turned)
-
-
-@dataclass(frozen=True)
-class BodyMotion:
-    """A motion with its fixed axes and phases."""
-
-    attitude: Attitude
-    frame: AttitudeFrame
-
-    def at(self, time_s: npt.ArrayLike) -> F64:
-        """Rotation body -> GCRS at times after the epoch [s]; scalar last, unit, shape (n, 4)."""
-        return attitude_quaternion(self.attitude, self.frame, time_s)
 
 
 def turns(rate_rev_s: float, time_s: F64) -> F64:

@@ -55,11 +55,16 @@ def _vector_rate(vector: F64, rate_rad_s: F64) -> F64:
     return np.asarray(rate_rad_s + 0.5 * once + factor * np.cross(vector, once))
 
 
+def _turned(time_s: F64, quaternion: F64, rate_rad_s: F64) -> tuple[F64, F64]:
+    """Rotation vector of each interval, and what it would be by the angular velocities alone, (n - 1, 3) each."""
+    expected = 0.5 * np.diff(time_s)[:, None] * (rate_rad_s[1:] + rate_rad_s[:-1])
+    return rotation_vector(product(conjugate(quaternion[:-1]), quaternion[1:]), expected), expected
+
+
 def _cubics(time_s: F64, quaternion: F64, rate_rad_s: F64) -> tuple[F64, F64, F64]:
     """Rotation vector of each interval, and its derivatives per interval at the ends, (n - 1, 3) each."""
     step_s = np.diff(time_s)[:, None]
-    expected = 0.5 * step_s * (rate_rad_s[1:] + rate_rad_s[:-1])
-    whole = rotation_vector(product(conjugate(quaternion[:-1]), quaternion[1:]), expected)
+    whole, _ = _turned(time_s, quaternion, rate_rad_s)
     return whole, step_s * rate_rad_s[:-1], step_s * _vector_rate(whole, rate_rad_s[1:])
 
 
@@ -73,8 +78,7 @@ def rates_fit(time_s: F64, quaternion: F64, rate_rad_s: F64) -> bool:
     """Return whether angular velocities are those of the rows: in their axes, their unit and their sense."""
     if len(time_s) < 2:
         return True
-    expected = 0.5 * np.diff(time_s)[:, None] * (rate_rad_s[1:] + rate_rad_s[:-1])
-    whole = rotation_vector(product(conjugate(quaternion[:-1]), quaternion[1:]), expected)
+    whole, expected = _turned(time_s, quaternion, rate_rad_s)
     missed, turned = np.linalg.norm(whole - expected, axis=1), np.linalg.norm(whole, axis=1)
     return bool(np.median(missed) <= LARGEST_MISFIT * np.median(turned) + 1e-6)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,6 +16,7 @@ from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.quaternion import in_one_hemisphere, rotation_between_rad, slerp, unit
 from warpsim.target.attitude_rates import dense_rows, rates_fit, row_errors_rad
+from warpsim.target.from_file import FromFile
 from warpsim.target.timed_rows import DATE_ROUNDING_S, TimedRows
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class AttitudeRows(TimedRows):
 
 
 @config_model
-class AttitudeTable:
+class AttitudeTable(FromFile):
     """Rotation of a body from a table; give file, or time_s and quaternion.
 
     Between rows the body turns at a constant rate about one axis (slerp); where a file has angular velocities, along
@@ -114,11 +114,7 @@ class AttitudeTable:
 
     @model_validator(mode="after")
     def _one_source(self) -> AttitudeTable:
-        inline = self.time_s is not None or self.quaternion is not None
-        if inline == (self.file is not None):
-            raise InputError("exactly one of a file, or time_s with quaternion, must be given", "file, time_s")
-        if inline and (self.time_s is None or self.quaternion is None):
-            raise InputError("both must be given", "time_s, quaternion")
+        inline = self._is_inline("time_s", "quaternion")
         if self.object is not None and self.file is None:
             raise InputError("names an object of a file, which is not given", "object", self.object)
         if inline:
@@ -130,25 +126,10 @@ class AttitudeTable:
         return checked_rows(np.array(self.time_s), np.array(self.quaternion).reshape(-1, 4))
 
     @cached_property
-    def _source(self) -> Any:
-        from warpsim.exchange.source import read_source
-
-        return read_source(str(self.file))
-
-    @cached_property
     def _segments(self) -> list[Any]:
         from warpsim.exchange.read_files import attitude_of
 
         return attitude_of(self._source)
-
-    @property
-    def checksum(self) -> str | None:
-        """SHA-256 of the file, in hexadecimal; None for inline rows.
-
-        Raises:
-            InputError: The file cannot be read.
-        """
-        return None if self.file is None else hashlib.sha256(self._source.data).hexdigest()
 
     def rows(self, epoch: Epoch) -> AttitudeRows:
         """The checked table for a scene's epoch.

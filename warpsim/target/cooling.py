@@ -142,7 +142,8 @@ class _Integrator:
     def advance_to(self, stop_s: float, longest_s: float, tolerance_k: float, chord_k: float) -> None:
         """Take steps up to a stop, each a half, quarter, ... of the way to it."""
         way_s, done = stop_s - self.time_s, 0.0
-        step_fraction = _dyadic(min(self.step_s, longest_s, self._first_step_s()) / way_s)
+        most = min(self.step_s, longest_s, self._first_step_s()) / way_s
+        step_fraction = min(1.0, 2.0 ** math.floor(math.log2(most)))
         start_s = self.time_s
         self._ahead = {}
         while done < 1.0:
@@ -260,11 +261,6 @@ def _halved(
         exponent += half_s * bodies.slope_s(stage[:, 1]).reshape(shape)
         kelvin = stage[:, -1]
     return within_k, kelvin.reshape(shape), np.exp(exponent)
-
-
-def _dyadic(value: float) -> float:
-    """The largest of 1, 1/2, 1/4, ... that is at most a value."""
-    return min(1.0, 2.0 ** math.floor(math.log2(value)))
 
 
 def _stages(bodies: ThermalNodes, heating_k_s: F64, h: float | F64, kelvin: F64) -> F64 | None:

@@ -31,8 +31,6 @@ ALBEDO_ERRORS: MappingProxyType[int, tuple[float, float]] = MappingProxyType(
 The worst are faces turned straight up or down under a Sun in the zenith, where all harmonics add up.
 """
 
-LEAST_ALBEDO_ERROR = min(near for near, _ in ALBEDO_ERRORS.values())
-
 N_COSINE = 257
 N_HEIGHT = {"infrared": 257, "albedo": 97}
 N_ZENITH = 193

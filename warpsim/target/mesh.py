@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import re
 from functools import cached_property
@@ -16,9 +15,10 @@ from pydantic import BeforeValidator, Field, model_validator
 from warpsim.config.fields import FileName, Positive, rule_error
 from warpsim.config.model import config_model
 from warpsim.errors import InputError, one_line
-from warpsim.exchange.source import SourceFile, number_of, read_source
+from warpsim.exchange.source import SourceFile, number_of
 from warpsim.target.areas import Areas
 from warpsim.target.closed_surface import ClosedSurface, closed_surface
+from warpsim.target.from_file import FromFile
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -53,7 +53,7 @@ Triangles = Annotated[tuple[tuple[int, int, int], ...], BeforeValidator(_triangl
 
 
 @config_model
-class Mesh(Areas):
+class Mesh(Areas, FromFile):
     """A closed triangle mesh; give `file`, or `vertices_m` and `faces`.
 
     It must be watertight and wound in one sense; one that is all inside out is turned. Facets do not hide or shade each
@@ -75,11 +75,7 @@ class Mesh(Areas):
 
     @model_validator(mode="after")
     def _sound(self) -> Mesh:
-        inline = self.vertices_m is not None or self.faces is not None
-        if inline == (self.file is not None):
-            raise InputError("exactly one of a file, or vertices_m with faces, must be given", "file, vertices_m")
-        if inline and (self.vertices_m is None or self.faces is None):
-            raise InputError("both must be given", "vertices_m, faces")
+        inline = self._is_inline("vertices_m", "faces")
         if inline and self.scale_m != 1.0:
             raise InputError("belongs to a file, which is not given", "scale_m", self.scale_m, "g")
         if inline:
@@ -88,15 +84,6 @@ class Mesh(Areas):
             except InputError as error:
                 raise error.within("faces") from None
         return self
-
-    @cached_property
-    def _source(self) -> SourceFile:
-        return read_source(str(self.file))
-
-    @property
-    def checksum(self) -> str | None:
-        """SHA-256 of the file as it was read, in hexadecimal; None for inline vertices."""
-        return None if self.file is None else hashlib.sha256(self._source.data).hexdigest()
 
     @cached_property
     def surface(self) -> ClosedSurface:

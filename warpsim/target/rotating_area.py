@@ -129,10 +129,9 @@ class RotatingArea:
                 return np.asarray(turned + self._phases[self._fast.index(name)])
             return np.asarray(turned + turns(self._rates[name], time_s)[:, None] if name in self._rates else turned)
 
-        own = [m if isinstance(m, TorqueFreeMotion) else m.frame for m in self.attitudes]
-        reference, first, second = np.moveaxis(np.stack([frame.axes for frame in own])[body], 1, 0)
+        reference, first, second = np.moveaxis(np.stack([one.axes for one in self.attitudes])[body], 1, 0)
         angles = {
-            name: 2 * np.pi * turned_rev(name, [getattr(frame, f"{name}_phase_rev", 0.0) for frame in own])
+            name: 2 * np.pi * turned_rev(name, [getattr(one, f"{name}_phase_rev", 0.0) for one in self.attitudes])
             for name in ("precession", "rolling", "spin", "nutation")
         }
         # Into body axes: back by precession about the reference, then by the polar angle and by spin

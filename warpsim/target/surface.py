@@ -19,6 +19,7 @@ from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr, planck_w_m2
 from warpsim.radiometry.by_band import AS_DICT, band_table, named_bands
 from warpsim.radiometry.curve_nodes import checked_curve
 from warpsim.radiometry.sun_and_earth import Curve, band_rule, earth_rule, earthshine_rule, sunlight_rule
+from warpsim.target.from_file import FromFile
 
 Wavelengths = Annotated[tuple[Number, ...], rows_in("um")]
 Fractions = Annotated[tuple[Annotated[NonNegative, closed_interval(0, 1)], ...], rows_in("")]
@@ -36,7 +37,7 @@ _MAX_PIECE_LOG_WIDTH = 0.02
 
 
 @config_model
-class ByWavelength:
+class ByWavelength(FromFile):
     """A fraction by wavelength, linear between nodes and constant beyond; give wavelength_um and value, or file.
 
     Args:
@@ -54,12 +55,7 @@ class ByWavelength:
 
     @model_validator(mode="after")
     def _one_source(self) -> ByWavelength:
-        inline = self.wavelength_um is not None or self.value is not None
-        if inline == (self.file is not None):
-            raise InputError("exactly one of a file, or wavelength_um with value, must be given", "file, wavelength_um")
-        if inline:
-            if self.wavelength_um is None or self.value is None:
-                raise InputError("both must be given", "wavelength_um, value")
+        if self._is_inline("wavelength_um", "value"):
             if self.column is not None:
                 raise InputError("belongs to a file, which is not given", "column", self.column)
             self.curve  # noqa: B018  # checked here, where the field's path is known
@@ -93,16 +89,7 @@ class ByWavelength:
         return None if self.file is None else self._content.sha256
 
 
-FIELDS = frozenset(ByWavelength.__dataclass_fields__)
-"""Names that tell such a table from one by band."""
-
-
-def as_dict(given: ByWavelength) -> dict[str, Any]:
-    """Return the fields that are given, as plain values."""
-    values = {name: getattr(given, name) for name in ("wavelength_um", "value", "file", "column")}
-    return {
-        name: list(value) if isinstance(value, tuple) else value for name, value in values.items() if value is not None
-    }
+_FIELDS = tuple(ByWavelength.__dataclass_fields__)
 
 
 def _unit_fraction(value: Any, info: ValidationInfo) -> Any:
@@ -118,7 +105,7 @@ def _spectral_fraction(value: Any, info: ValidationInfo) -> Any:
     """A number, a table by band, or a fraction by wavelength."""
     if isinstance(value, ByWavelength):
         return value
-    if not (isinstance(value, Mapping) and FIELDS & set(value)):
+    if not (isinstance(value, Mapping) and set(_FIELDS) & set(value)):  # else a table by band
         return _unit_fraction(value, info)
     try:
         return adapter(ByWavelength).validate_python(dict(value))
@@ -128,7 +115,8 @@ def _spectral_fraction(value: Any, info: ValidationInfo) -> Any:
 
 def _plain(value: Any) -> Any:
     if isinstance(value, ByWavelength):
-        return as_dict(value)
+        given = {name: getattr(value, name) for name in _FIELDS if getattr(value, name) is not None}
+        return {name: list(own) if isinstance(own, tuple) else own for name, own in given.items()}
     return dict(value) if isinstance(value, Mapping) else value
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,6 +24,7 @@ from warpsim.config.fields import (
 )
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
+from warpsim.target.from_file import FromFile
 from warpsim.target.timed_rows import TimedRows
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class Temperature:
 
 
 @config_model
-class TemperatureTable:
+class TemperatureTable(FromFile):
     """Temperatures from a table, linear in time between its rows; give time_s and temperature_k, or file.
 
     A single row holds for all times; more must cover the scene.
@@ -120,12 +120,7 @@ class TemperatureTable:
 
     @model_validator(mode="after")
     def _one_source(self) -> TemperatureTable:
-        inline = self.time_s is not None or self.temperature_k is not None
-        if inline == (self.file is not None):
-            raise InputError("exactly one of a file, or time_s with temperature_k, must be given", "file, time_s")
-        if inline:
-            if self.time_s is None or self.temperature_k is None:
-                raise InputError("both must be given", "time_s, temperature_k")
+        if self._is_inline("time_s", "temperature_k"):
             self._inline_rows  # noqa: B018  # checked here, where the scene's file is known
         return self
 
@@ -134,26 +129,11 @@ class TemperatureTable:
         return checked_rows(np.array(self.time_s), np.array(self.temperature_k), self.max_gap_s)
 
     @cached_property
-    def _source(self) -> Any:
-        from warpsim.exchange.source import read_source
-
-        return read_source(str(self.file))
-
-    @cached_property
     def _content(self) -> Any:
         """Times, temperatures and lines of the file."""
         from warpsim.exchange.read_files import read_temperature_table
 
         return read_temperature_table(self._source)
-
-    @property
-    def checksum(self) -> str | None:
-        """SHA-256 of the file, in hexadecimal; None for inline rows.
-
-        Raises:
-            InputError: The file cannot be read.
-        """
-        return None if self.file is None else hashlib.sha256(self._source.data).hexdigest()
 
     def rows(self, epoch: Epoch) -> TemperatureRows:
         """The checked table for a scene's epoch.

@@ -1,1 +1,0 @@
-"""Results of each benchmark as Markdown tables."""
