@@ -14,13 +14,13 @@ from astropy.io import fits
 from astropy.wcs import WCS
 
 import warpsim as ws
-from warpsim.output import preview
+from warpsim.output import grey as films
+from warpsim.output.grey import write_preview
 from warpsim.output.image_files import (
     image_facts,
     read_image,
     write_counts,
     write_fits_image,
-    write_preview,
     write_signal,
 )
 
@@ -337,7 +337,7 @@ WRITE_A_FILM = """
 import sys
 import numpy as np
 from warpsim.detector.levels import Levels
-from warpsim.output.image_files import write_preview
+from warpsim.output.grey import write_preview
 write_preview(sys.argv[2], np.load(sys.argv[1]), Levels(1e-15, 1e-12, float(sys.argv[3]), float(sys.argv[4])), 12.5)
 """
 
@@ -360,7 +360,7 @@ def test_films_do_not_depend_on_what_lay_in_memory(scene, tmp_path, checkout_env
 @pytest.mark.parametrize("name", ["a.gif", "a.mp4"])
 def test_large_images_are_reduced_by_their_brightest_pixels(scene, tmp_path, monkeypatch, name):
     pytest.importorskip("av") if name == "a.mp4" else None
-    monkeypatch.setattr(preview, "PREVIEW_PX", 20)
+    monkeypatch.setattr(films, "PREVIEW_PX", 20)
     counts, places = film(scene)  # 40 x 50 by blocks of 3: 14 x 17; MP4 has even sides
     write_preview(tmp_path / name, counts, levels_of(scene))
     grey, _ = pictures_of(tmp_path / name)
@@ -387,6 +387,6 @@ def test_films_that_cannot_be_made_are_named(scene, tmp_path, name, counts, fps,
 
 
 def test_mp4_says_which_extra_it_needs(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr(preview.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(films.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ws.InputError, match=r"needs PyAV, .* the extra `video` brings: pip install 'warpsim\[video\]'"):
         write_preview(tmp_path / "a.mp4", FILM, levels_of(scene))

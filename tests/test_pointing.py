@@ -11,7 +11,8 @@ from on_devices import arrays_of_views, device_scene
 from scipy.spatial.transform import Rotation, Slerp
 
 import warpsim as ws
-from warpsim.output.check import pointing_warning, scene_report
+from warpsim.output.check import scene_report
+from warpsim.output.check_pointing import pointing_warning
 from warpsim.pool import Pool
 from warpsim.render.batch import new_batch
 from warpsim.render.pipelines import Pipelines

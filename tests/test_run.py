@@ -22,8 +22,9 @@ import warpsim as ws
 from warpsim.cli import main
 from warpsim.files import sha256_of, whole_file
 from warpsim.optics.wcs import tan_keywords
-from warpsim.output import fits_cube, preview, wording, zarr_array
-from warpsim.output.fits_cube import read_cube
+from warpsim.output import fits_images, wording, zarr_array
+from warpsim.output import grey as films
+from warpsim.output.fits_images import read_cube
 from warpsim.output.growing import GrowingFiles
 from warpsim.output.image_files import read_image
 
@@ -98,7 +99,7 @@ def test_cubes_are_plain_fits_to_others(folder):
 def test_tables_of_cubes_are_made_once_for_all_bands(scene, folder, tmp_path, monkeypatch):
     """Of a sensor; bytes of the files are those that astropy appends."""
     made = []
-    monkeypatch.setattr(fits_cube, "tan_keywords", lambda *given: made.append(1) or tan_keywords(*given))
+    monkeypatch.setattr(fits_images, "tan_keywords", lambda *given: made.append(1) or tan_keywords(*given))
     run(scene, tmp_path / "out")
     assert len(made) == 6 * 2  # frames and sensors
     for path in sorted((tmp_path / "out").glob("sat*.fits")):
@@ -699,7 +700,7 @@ def test_missing_packages_are_named(scene, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "zarr", None)
     with pytest.raises(ws.InputError, match=r"the extra `zarr` brings: pip install 'warpsim\[zarr\]'"):
         run(scene, tmp_path / "out", formats=["zarr"])
-    monkeypatch.setattr(preview.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(films.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ws.InputError, match=r"the extra `video` brings: pip install 'warpsim\[video\]'"):
         run(scene, tmp_path / "out", preview="mp4")
     assert not (tmp_path / "out").exists()

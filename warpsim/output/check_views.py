@@ -46,8 +46,6 @@ class FieldContents:
     """Views with a target in the field that access counts by."""
     earth: int = 0
     sun: int = 0
-    up_replaced: int = 0
-    boresight_replaced: int = 0
     slewing: int = 0
     counted: set[int] = field(default_factory=set)
     """Targets that access counts by."""
@@ -60,7 +58,7 @@ def field_contents(instrument: Instrument, tracks: Tracks, frames_of: Mapping[st
         at = satellite_state(tracks, instrument.satellites[sensor], time_s)
         axes = instrument.commanded_axes(sensor, time_s).axes
         seen = np.zeros(len(time_s), dtype=bool)
-        for targets, then in _counted(instrument, sensor, time_s):
+        for targets, then in counted_targets(instrument, sensor, time_s):
             found.counted |= set(targets)
             for target in targets:
                 seen[then] |= target_in_field(instrument.sensor.camera, tracks, target, at.rows(then), axes[then])
@@ -109,8 +107,8 @@ def _spread(instrument: Instrument, frames_of: Mapping[str, Sequence[int]], most
             yield instrument.index(name), instrument.frame_time_s(chosen)
 
 
-def _counted(instrument: Instrument, sensor: int, time_s: F64) -> Iterator[tuple[Sequence[int], Mask]]:
-    """Targets that a sensor's access counts by, with times."""
+def counted_targets(instrument: Instrument, sensor: int, time_s: F64) -> Iterator[tuple[Sequence[int], Mask]]:
+    """Yield the targets that a sensor's access counts by, and which of some times they do at."""
     steps = instrument.access_targets(sensor)
     ends = [start_s for start_s, _ in steps[1:]] + [np.inf]
     for (start_s, targets), end_s in zip(steps, ends, strict=True):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.detector.levels import Levels
-from warpsim.files import whole_file_by_memory
 from warpsim.output.grey import CEILING_NEI, grey, window_about
+from warpsim.output.image_files import write_grey
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.provenance import provenance
@@ -89,7 +88,7 @@ def draw_contact_sheet(
     labels += [(_left(i), TOP_PX - 6, f"{time_s:.1f}", 13, _INK) for i, time_s in enumerate(columns)]
     for number, row in enumerate(rows):
         labels += _draw_row(canvas, TOP_PX + number * (TILE_PX + GAP_PX), row, columns, planes, places)
-    _write_png(canvas, labels, json.dumps(provenance(scene)), path)
+    write_grey(path, _with_labels(canvas, labels), provenance(scene), settings={})
 
 
 def _left(column: int) -> int:
@@ -182,7 +181,7 @@ def _nearest(time_s: npt.NDArray[np.float64], columns: Sequence[float]) -> dict[
     return shown
 
 
-def _write_png(canvas: npt.NDArray[np.uint8], labels: list[Label], words: str, path: Path) -> None:
+def _with_labels(canvas: npt.NDArray[np.uint8], labels: list[Label]) -> npt.NDArray[np.uint8]:
     import OpenImageIO as oiio
 
     height, width, _ = canvas.shape
@@ -191,8 +190,5 @@ def _write_png(canvas: npt.NDArray[np.uint8], labels: list[Label], words: str, p
     for x, y, text, size, colour in labels:
         # A missing font is no reason to lose the figure.
         oiio.ImageBufAlgo.render_text(image, x, y, text, size, "", colour)
-    image.specmod().attribute("ImageDescription", words)
     image.geterror()
-    with whole_file_by_memory(path) as name:
-        if not image.write(name, "uint8", "png"):
-            raise OSError(f"{path}: cannot be written: {image.geterror()}")
+    return np.asarray(image.get_pixels(oiio.UINT8))

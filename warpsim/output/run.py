@@ -15,8 +15,8 @@ from warpsim.detector.detectors import detector_terms, has_maps
 from warpsim.errors import InputError
 from warpsim.files import sha256_of, whole_file, write_fits_table
 from warpsim.output.calibration import write_maps
-from warpsim.output.check import pointing_warning
 from warpsim.output.check_background import earth_warning
+from warpsim.output.check_pointing import pointing_warning
 from warpsim.output.checkpoints import files_match
 from warpsim.output.contact_sheet import SheetRow, draw_contact_sheet
 from warpsim.output.fits_header import Views
