@@ -8,8 +8,7 @@ import pytest
 from astropy.time import Time
 
 import warpsim as ws
-from warpsim.output.czml import czml_dates
-from warpsim.output.czml_samples import interpolated, sampled_track
+from warpsim.output.czml_parts import czml_dates, interpolated, sampled_track
 
 czml3 = pytest.importorskip("czml3")
 

@@ -19,17 +19,18 @@ from typing import Any
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError, printable_lines
 from warpsim.files import check_new_file, whole_file
-from warpsim.output.czml_attitudes import orientations
 from warpsim.output.czml_page import checked_cesium, write_page
 from warpsim.output.czml_parts import (
+    DATE_S,
     MOST_SAMPLES,
     Dates,
     body_span_s,
     czml_dates,
     position_property,
+    sampled_track,
     solid,
 )
-from warpsim.output.czml_samples import DATE_S, sampled_track
+from warpsim.output.czml_targets import light_properties, orientations
 from warpsim.output.czml_views import fields_of_view, lines_of_sight
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
@@ -139,8 +140,6 @@ def _more_of_targets(
     for name, fields in orientations(scenario, dates, with_attitudes, colours):
         more[name] |= fields
     if with_curves:
-        from warpsim.output.czml_curves import light_properties  # Warp is not imported for the rest
-
         for name, properties in light_properties(scenario, dates, with_curves).items():
             more[name] |= {"properties": properties}
     return more

@@ -10,8 +10,16 @@ from numpy.typing import NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.orbit.intervals import Intervals
-from warpsim.output.czml_parts import Dates, Span, body_span_s, polyline, position_property
-from warpsim.output.czml_samples import Piece, PositionFunction, sampled_track
+from warpsim.output.czml_parts import (
+    Dates,
+    Piece,
+    PositionFunction,
+    Span,
+    body_span_s,
+    polyline,
+    position_property,
+    sampled_track,
+)
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.sky.apparent import apparent_direction
@@ -90,11 +98,8 @@ def fields_of_view(scenario: Scenario, dates: Dates) -> Iterator[Any]:
             shown_s = _shown_s(instrument, index, span_s)
             if not shown_s:
                 continue
-            pieces, (first, last), name = (
-                _corners(scenario, instrument, index, span_s),
-                dates(span_s),
-                f"field/{sensor}",
-            )
+            pieces, name = _corners(scenario, instrument, index, span_s), f"field/{sensor}"
+            first, last = dates(span_s)
             points = [f"{instrument.satellite_names[index]}#position", *(f"{name}/{k}#position" for k in (1, 2, 3, 4))]
             edges = polyline([points[k] for k in _FIELD_EDGES], shown_s, _FIELD, 1.0, dates, duration_s)
             yield Packet(id=name, name=f"field of view of {sensor}", polyline=edges)

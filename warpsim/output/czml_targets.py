@@ -1,7 +1,8 @@
-"""Attitudes of targets for Cesium: rotations from body to Earth-fixed axes, sampled so that slerp follows them.
+"""What packets of targets have in CZML besides positions: attitudes, with solids, and curves of their light.
 
-Cesium turns linearly between two samples, along the shorter way, and takes rotations below 0.16 degrees from one to the
-next for none. So samples are as far apart as the error allows, and the error is not smaller than that.
+Attitudes are rotations from body to Earth-fixed axes, sampled so that slerp follows them: Cesium turns linearly between
+two samples, along the shorter way, and takes rotations below 0.16 degrees from one to the next for none. So samples are
+as far apart as the error allows, and the error is not smaller than that.
 """
 
 from __future__ import annotations
@@ -18,8 +19,10 @@ from warpsim.errors import InputError
 from warpsim.instant import Epoch
 from warpsim.orbit.earth import itrs_to_gcrs
 from warpsim.output.czml_parts import MOST_SAMPLES, Dates, Span, body_span_s
+from warpsim.output.czml_views import within
 from warpsim.quaternion import conjugate, from_matrix, in_one_hemisphere, product, rotation_between_rad, slerp
 from warpsim.scene.attitudes import AnyAttitude
+from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.target.areas import top_radius_m
 from warpsim.target.attitude import BodyMotion
@@ -42,6 +45,14 @@ _PARTS = np.array([0.25, 0.5, 0.75])  # of a step: where its error is looked at
 _MOST_CUT = 16  # parts that a step is cut into at a time
 _TIME_DECIMALS, _DECIMALS = 6, 7
 _PLATE_M = 1e-3  # thickness of a plate as drawn
+
+MOST_FRAMES = 1000
+"""Frames of a sensor during access that curves have; of more, every second, third, ..."""
+
+_LIGHT_DIGITS = 6
+
+
+# --- attitudes ---
 
 
 def orientations(
@@ -173,27 +184,73 @@ def _off_rad(at: QuaternionAt, time_s: F64, turned: F64, first: NDArray[np.int64
 
 def _solid_of(shape: Any, colour: list[int]) -> dict[str, Any]:
     """The field of a packet that draws a shape in its body's axes; none of a mesh."""
-    from czml3.properties import (
-        Box,
-        BoxDimensions,
-        Color,
-        Cylinder,
-        Ellipsoid,
-        EllipsoidRadii,
-        Material,
-        SolidColorMaterial,
-    )
+    from czml3 import properties as czml
     from czml3.types import Cartesian3Value
 
-    material = Material(solidColor=SolidColorMaterial(color=Color(rgba=colour)))
-    style = {"material": material, "outline": True, "outlineColor": Color(rgba=[40, 40, 40, 255])}
+    material = czml.Material(solidColor=czml.SolidColorMaterial(color=czml.Color(rgba=colour)))
+    style = {"material": material, "outline": True, "outlineColor": czml.Color(rgba=[40, 40, 40, 255])}
     if shape.kind == "mesh":
         return {}
     if shape.kind == "sphere":
-        radii = EllipsoidRadii(cartesian=Cartesian3Value(values=[shape.radius_m] * 3))
-        return {"ellipsoid": Ellipsoid(radii=radii, **style)}
+        radii = czml.EllipsoidRadii(cartesian=Cartesian3Value(values=[shape.radius_m] * 3))
+        return {"ellipsoid": czml.Ellipsoid(radii=radii, **style)}
     if shape.kind == "plate":
-        size = BoxDimensions(cartesian=Cartesian3Value(values=[shape.width_m, shape.length_m, _PLATE_M]))
-        return {"box": Box(dimensions=size, **style)}
+        size = czml.BoxDimensions(cartesian=Cartesian3Value(values=[shape.width_m, shape.length_m, _PLATE_M]))
+        return {"box": czml.Box(dimensions=size, **style)}
     radii_m = {"topRadius": top_radius_m(shape), "bottomRadius": shape.radius_m}
-    return {"cylinder": Cylinder(length=shape.height_m, **radii_m, **style)}
+    return {"cylinder": czml.Cylinder(length=shape.height_m, **radii_m, **style)}
+
+
+# --- curves of light ---
+
+
+def light_properties(scenario: Scenario, dates: Dates, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return properties "irradiance_w_cm2/SENSOR/BAND" of targets by name: samples at the sensor's frames [W/cm2].
+
+    They are there while the sensor has access and the target exists, an interval for each access, linear within it.
+
+    Raises:
+        InputError: They would be more than MOST_SAMPLES samples.
+    """
+    from warpsim.render.light_curves import light_curves  # Warp is not imported for the rest
+
+    found: dict[str, dict[str, Any]] = {name: {} for name in names}
+    views = list(_views(scenario))
+    n_sample = sum(len(time_s) * len(instrument.bands) for instrument, _, time_s in views) * len(names)
+    if n_sample > MOST_SAMPLES:
+        raise InputError(f"take {n_sample} samples, more than {MOST_SAMPLES}: choose fewer targets", "curves")
+    for instrument, index, time_s in views:
+        sensor = instrument.names[index]
+        curves = light_curves(scenario, time_s, [sensor], list(names))
+        for number, name in enumerate(names):
+            for band, own in zip(curves.bands, curves.irradiance_w_cm2[:, 0, :, number].T, strict=True):
+                pieces = _pieces(scenario, instrument, index, name, time_s, own, dates)
+                if pieces:
+                    found[name][f"irradiance_w_cm2/{sensor}/{band}"] = pieces[0] if len(pieces) == 1 else pieces
+    return found
+
+
+def _views(scenario: Scenario) -> Iterator[tuple[Instrument, int, F64]]:
+    """Sensors with a frame during access, as kind and index, with the times of these frames, MOST_FRAMES at most."""
+    for instrument in scenario.instruments.values():
+        all_s = instrument.frame_time_s(np.arange(instrument.frames.count))
+        for index in range(len(instrument.names)):
+            seen_s = all_s[instrument.has_access(index, all_s)]
+            if len(seen_s):
+                yield instrument, index, seen_s[:: -(-len(seen_s) // MOST_FRAMES)]
+
+
+def _pieces(
+    scenario: Scenario, instrument: Instrument, index: int, name: str, time_s: F64, light_w_cm2: F64, dates: Dates
+) -> list[dict[str, Any]]:
+    """A curve as sampled numbers, in an interval for each access with a frame."""
+    (epoch,) = dates([0.0])
+    pieces = []
+    for span_s in within(instrument.access, index, body_span_s(scenario, name)):
+        chosen = (time_s >= span_s[0]) & (time_s <= span_s[1])
+        if chosen.any():
+            numbers = np.column_stack([time_s[chosen], light_w_cm2[chosen]]).tolist()
+            numbers = [value for time, light in numbers for value in (time, float(f"{light:.{_LIGHT_DIGITS}g}"))]
+            start, end = dates(span_s)
+            pieces.append({"interval": f"{start}/{end}", "epoch": epoch, "number": numbers})
+    return pieces
