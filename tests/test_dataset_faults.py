@@ -17,9 +17,8 @@ import pytest
 
 import warpsim as ws
 from warpsim.dataset import execution, shard
-from warpsim.dataset.write_dataset import finish
 from warpsim.files import prepare_folder, read_json, write_fits_table
-from warpsim.output.output_folder import PARTS, OutputFolder
+from warpsim.output.output_folder import PARTS
 
 pytest.importorskip("pyarrow")
 
@@ -329,16 +328,20 @@ def test_a_run_that_ends_in_its_last_steps_goes_on(zarr_recipe, zarr_whole, tmp_
 @pytest.mark.parametrize("format", ["fits", "zarr"])
 @pytest.mark.ci
 def test_what_a_killed_run_left_is_gone_once_another_replaces_it(recipe, tmp_path, monkeypatch, format):
-    """Killed after its files have got their names, before the checkpoint record."""
+    """Killed when a file has got its name, and others have not."""
     if format == "zarr":
         pytest.importorskip("zarr", minversion="3")
     given = recipe.to_dict() | {"format": format, "n_sequence": 3, "sequences_per_shard": 1}
     bright, faint = (ws.Recipe.from_dict(given | change) for change in ({}, {"least_nei": 1e9, "split": {"train": 1}}))
 
-    def broken_off(*arguments):
-        raise KeyboardInterrupt
+    mkdir = Path.mkdir
 
-    monkeypatch.setattr(OutputFolder, "write_record", broken_off)
+    def broken_off(path, *arguments, **options):
+        if path.is_relative_to(tmp_path / "data" / "train") and path.exists():
+            raise KeyboardInterrupt
+        mkdir(path, *arguments, **options)
+
+    monkeypatch.setattr(Path, "mkdir", broken_off)
     with pytest.raises(KeyboardInterrupt):
         ws.write_dataset(bright, tmp_path / "data", n_worker=1, device="cpu")
     monkeypatch.undo()
@@ -551,13 +554,13 @@ def test_kept_annotations_are_used_and_those_that_are_damaged_made_anew(recipe, 
     folder, made = tmp_path / "data", []
     texts = shard._texts
     monkeypatch.setattr(shard, "_texts", lambda *given: made.append(given) or texts(*given))
-    monkeypatch.setattr("warpsim.dataset.write_dataset.finish", _broken_off)
-    with pytest.raises(KeyboardInterrupt):
-        ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    with monkeypatch.context() as patch:
+        patch.setattr("warpsim.dataset.write_dataset._Dataset.finish", _broken_off)
+        with pytest.raises(KeyboardInterrupt):
+            ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
     assert len(made) == 8
     kept = folder / PARTS / "coco" / "train-000000.json"
     kept.write_text(kept.read_text().replace("0", "1", 1))
-    monkeypatch.setattr("warpsim.dataset.write_dataset.finish", finish)
     ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
     assert len(made) == 9
     assert content(folder) == content(whole)
@@ -567,13 +570,12 @@ def test_kept_annotations_are_used_and_those_that_are_damaged_made_anew(recipe, 
 def test_a_file_of_somebody_in_a_folder_to_come_is_not_touched(recipe, tmp_path, monkeypatch):
     folder = tmp_path / "data"
     with monkeypatch.context() as patch:
-        patch.setattr("warpsim.dataset.write_dataset.finish", _broken_off)
+        patch.setattr("warpsim.dataset.write_dataset._Dataset.finish", _broken_off)
         with pytest.raises(KeyboardInterrupt):
             ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
     (name,) = {Path(name).parent for name in read_json(folder / PARTS / "checkpoints" / "train-000001.json")["files"]}
     home = folder / name
     (folder / PARTS / "checkpoints" / "train-000001.json").unlink()
-    (folder / PARTS / "planned" / "train-000001.json").unlink()
     (home / "truth.parquet").write_text("mine")
     with pytest.raises(ws.InputError, match=rf"{name}/.*: is there already, and warpsim did not write it"):
         ws.write_dataset(recipe, folder, n_worker=1, device="cpu")

@@ -23,7 +23,6 @@ from warpsim.dataset.crossings import crossing_changes
 from warpsim.dataset.recipe import SHARDED, Recipe, choices_with_files, drawn_words
 from warpsim.errors import InputError, errors_at
 from warpsim.output.manifest import package_versions
-from warpsim.output.output_folder import MANIFEST
 from warpsim.render.frameset import FrameSet
 from warpsim.render.stars import catalog_checksums
 from warpsim.scene.environment import BUILT_IN_CATALOGS
@@ -285,11 +284,6 @@ def dataset_provenance(recipe: Recipe) -> dict[str, Any]:
     drawn = {"seed", "noise_seed", *recipe.distributions}
     words = {name: value for name, value in provenance(recipe.scene).items() if fields.get(name) not in drawn}
     return words | {RECIPE_SEED: recipe.seed}
-
-
-def top_names(recipe: Recipe) -> list[str]:
-    """Names of the top-level entries of a data set."""
-    return [*recipe.ratios, ANNOTATIONS, SEQUENCES, MANIFEST]
 
 
 STAR_CATALOG = "star catalog"

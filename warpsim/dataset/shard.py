@@ -39,7 +39,7 @@ from warpsim.labels.table import label_table, write_parquet
 from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.output.joined_tables import joined_tables
 from warpsim.output.manifest import left_out_rows
-from warpsim.output.output_folder import PARTS, RUN, CheckpointRecord, OutputFolder, difference
+from warpsim.output.output_folder import PARTS, CheckpointRecord, OutputFolder, current_record, difference
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 from warpsim.render.states import STATE_NAMES, STATE_UNITS, sensor_states
@@ -164,13 +164,6 @@ _FACTS = {
 """What COCO's file says of an image, and the columns of the table of images that know it."""
 
 
-def keep_texts(recipe: Recipe, folder: Path, shard: Shard) -> str:
-    """Write the COCO texts of a shard with complete tables; return their SHA-256."""
-    path = _texts_path(folder, shard)
-    write_json(_texts(recipe, folder, shard), path)
-    return sha256_of(path)
-
-
 def shard_texts(recipe: Recipe, folder: Path, shard: Shard, checksum: str | None) -> tuple[str, str, str]:
     """Return the COCO texts of a shard's images, annotations and videos; made again unless stored whole."""
     path = _texts_path(folder, shard)
@@ -238,11 +231,12 @@ def write_shard(task: Task) -> CheckpointRecord:
     with output.scratch(shard.name) as scratch:
         sequences = _write_files(work, task, scratch)
         files = sorted(path.relative_to(scratch).as_posix() for path in scratch.rglob("*") if path.is_file())
-        record = output.move_in(shard.name, scratch, files) | {"sequences": sequences}
-    if work.recipe.coco:
-        record["texts"] = keep_texts(work.recipe, output.path, shard)
-    output.write_record(record)
-    return record
+        facts: dict[str, Any] = {"sequences": sequences}
+        if work.recipe.coco:
+            path = _texts_path(output.path, shard)
+            write_json(_texts(work.recipe, scratch, shard), path)
+            facts["texts"] = sha256_of(path)
+        return output.move_in(shard.name, scratch, files, **facts)
 
 
 @dataclass(frozen=True)
@@ -269,9 +263,7 @@ def work_of_run(folder: Path, key: str, device: str, n_thread: int | None) -> _W
 
     InputError: Here it would give other files, as versions differ, or input files.
     """
-    record = read_json(folder / PARTS / RUN)
-    if not isinstance(record, dict) or record.get("key") != key:
-        raise OSError(f"{folder}: no longer belongs to this run")
+    record = current_record(folder, key)
     recipe = Recipe.from_dict(record["recipe"])
     inputs = {path: stamp_of(path) for path in input_files(recipe)}
     output = OutputFolder(folder, identity_of(recipe, device))

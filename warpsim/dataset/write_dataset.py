@@ -9,6 +9,7 @@ import time
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from platform import python_version
 from typing import Any
 
 from warpsim.arguments import whole_number
@@ -22,7 +23,6 @@ from warpsim.dataset.layout import (
     identity_of,
     shards_of,
     split_of,
-    top_names,
     writers_of,
 )
 from warpsim.dataset.recipe import Recipe
@@ -33,8 +33,8 @@ from warpsim.files import read_json, sha256_of
 from warpsim.labels.coco import coco_categories, write_coco_parts
 from warpsim.labels.table import write_parquet
 from warpsim.output.grey import check_preview
-from warpsim.output.manifest import left_out_rows, python_version, response_facts
-from warpsim.output.output_folder import CHECKPOINTS, FINISH, PLANNED, CheckpointRecord, OutputFolder
+from warpsim.output.manifest import left_out_rows, response_facts
+from warpsim.output.output_folder import CHECKPOINTS, MANIFEST, CheckpointRecord, OutputFolder
 from warpsim.output.wording import progress_bar
 from warpsim.output.zarr_array import check_zarr
 from warpsim.render.device import default_device, n_usable_cpu
@@ -140,7 +140,7 @@ class _Dataset:
     @property
     def claimed_names(self) -> list[str]:
         """Top-level entries."""
-        return top_names(self.recipe)
+        return [*self.recipe.ratios, ANNOTATIONS, SEQUENCES, MANIFEST]
 
     def records_of(self, folder: OutputFolder, manifest: dict[str, Any]) -> dict[str, CheckpointRecord]:
         """Return the records in the manifest."""
@@ -153,7 +153,7 @@ class _Dataset:
         n_thread = None if self.executor is None and self.n_worker == 1 else 1
         tasks = [Task(str(folder.path), folder.key, shard, self.device, n_thread) for shard in missing]
         n_sequence = {shard.name: len(shard.sequences) for shard in missing}
-        for name in (CHECKPOINTS, PLANNED, COCO):
+        for name in (CHECKPOINTS, COCO):
             (folder.parts / name).mkdir(exist_ok=True)
         with progress_bar(self.recipe.n_sequence, self.progress, "sequences") as advance:
             advance(self.recipe.n_sequence - sum(n_sequence.values()))
@@ -166,7 +166,24 @@ class _Dataset:
 
     def finish(self, folder: OutputFolder, records: dict[str, CheckpointRecord]) -> dict[str, Any]:
         """Write what describes all shards."""
-        return finish(self.recipe, folder, records)
+        recipe = self.recipe
+        folder.plan_finish(dict.fromkeys(_planned_names(recipe)))
+        files = [
+            *_write_stores(recipe, folder.path, folder.parts),
+            *_write_annotations(recipe, folder.path, records),
+            _write_sequences(recipe, folder.path, records),
+        ]
+        return {
+            "key": folder.key,
+            "provenance": dataset_provenance(recipe),
+            **folder.identity,
+            "python": python_version(),
+            "splits": split_of(recipe),
+            "responses": {name: response_facts(band) for name, band in recipe.scene.scenario.bands.items()},
+            "left_out": left_out_rows(recipe.scenario),
+            "files": {path.relative_to(folder.path).as_posix(): sha256_of(path) for path in files},
+            "shards": {shard.name: records[shard.name] for shard in shards_of(recipe)},
+        }
 
 
 def _check_packages(recipe: Recipe) -> None:
@@ -180,26 +197,7 @@ def _check_packages(recipe: Recipe) -> None:
             raise InputError("pip install 'warpsim[datasets]'", f"data sets need {package}, which is not installed")
 
 
-def finish(recipe: Recipe, output: OutputFolder, records: dict[str, CheckpointRecord]) -> dict[str, Any]:
-    """Write what describes all shards; return the manifest."""
-    folder = output.path
-    output.plan(FINISH, dict.fromkeys(planned_names(recipe)))
-    files = [*_write_stores(recipe, folder, output.parts), *_write_annotations(recipe, folder, records)]
-    files.append(_write_sequences(recipe, folder, records))
-    return {
-        "key": output.key,
-        "provenance": dataset_provenance(recipe),
-        **output.identity,
-        "python": python_version(),
-        "splits": split_of(recipe),
-        "responses": {name: response_facts(band) for name, band in recipe.scene.scenario.bands.items()},
-        "left_out": left_out_rows(recipe.scenario),
-        "files": {path.relative_to(folder).as_posix(): sha256_of(path) for path in files},
-        "shards": {shard.name: records[shard.name] for shard in shards_of(recipe)},
-    }
-
-
-def planned_names(recipe: Recipe) -> list[str]:
+def _planned_names(recipe: Recipe) -> list[str]:
     """Names of the files that describe all shards, but for the manifest."""
     names = [SEQUENCES, *(f"{ANNOTATIONS}/{split}.json" for split in (recipe.ratios if recipe.coco else ()))]
     if recipe.format == "zarr":

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from platform import python_version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,8 +24,8 @@ from warpsim.output.fits_header import Views
 from warpsim.output.formats import Images
 from warpsim.output.growing import GrowingFiles
 from warpsim.output.joined_tables import joined_tables
-from warpsim.output.manifest import left_out_rows, made_with, response_facts
-from warpsim.output.output_folder import FINISH, PARTS, CheckpointRecord, OutputFolder
+from warpsim.output.manifest import left_out_rows, package_versions, response_facts
+from warpsim.output.output_folder import PARTS, CheckpointRecord, OutputFolder
 from warpsim.output.plan import SHEET, USUAL_FORMATS, RunPlan, make_plan, maps_name, part_name
 from warpsim.output.wording import progress_bar
 from warpsim.render.frameset import FrameSet
@@ -34,6 +35,7 @@ from warpsim.scene.provenance import provenance
 from warpsim.scene.roster import some_names
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
+from warpsim.version import __version__
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -233,7 +235,6 @@ class Run:
         parts = sorted(path.relative_to(growing.path).as_posix() for path in growing.path.rglob("*.fits"))
         names = [*plan.image_names(sensor), *(name for name in parts if name.startswith(PARTS))]
         record = folder.move_in(sensor, growing.path, names)
-        folder.write_record(record)
         growing.remove()
         return record
 
@@ -258,7 +259,7 @@ class Run:
 
         plan = self.plan
         names = [*plan.table_names, SHEET]
-        folder.plan(FINISH, dict.fromkeys(names))
+        folder.plan_finish(dict.fromkeys(names))
         joined = {}
         for table in plan.tables:
             home = part_name("", table, 0).rpartition("/")[0]
@@ -304,7 +305,9 @@ class Run:
         tracks = plan.scenario.tracks
         return {
             "key": key,
-            **made_with(),
+            "warpsim": __version__,
+            "packages": package_versions(),
+            "python": python_version(),
             "device": {"name": device.name, "alias": str(device)},
             "provenance": provenance(plan.scenario.scene),
             "bands": plan.bands,
