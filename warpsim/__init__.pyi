@@ -156,7 +156,7 @@ from warpsim.exchange.tdm import write_tdm as write_tdm
 from warpsim.dataset.write_dataset import write_dataset as write_dataset
 from warpsim.dataset.recipe import Recipe as Recipe
 from warpsim.dataset.write_dataset import DatasetReport as DatasetReport
-from warpsim.dataset.rebuild import rebuild_sequence as rebuild_sequence
+from warpsim.dataset.read_dataset import rebuild_sequence as rebuild_sequence
 from warpsim.dataset.export import export_dataset as export_dataset
 from warpsim.dataset.export import ExportReport as ExportReport
 

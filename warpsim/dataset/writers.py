@@ -1,9 +1,5 @@
 """Writers of the images of a shard: one class per kind of format, all with the same methods.
 
-They write below a folder that mirrors the data set's: `add` further frames of the position-th sequence of the shard as
-they are rendered, then `finish` the shard; `close` open files, finished or not. `locate` gives an image's file,
-relative to the data set, and its item in it: indices, or a member's name.
-
 Zarr v3 has one group per split, with an array for each plane; a shard of the data set owns whole shards of the arrays.
 Two processes that write into one Zarr shard lose what the other wrote. So each shard of the data set is written to a
 copy of the empty group, in a folder of its own, and its files are then moved to their final paths.
@@ -14,9 +10,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import tarfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -122,17 +116,39 @@ def _largest_divisor(number: int, most: int) -> int:
     return max(d for d in range(1, max(1, min(number, most)) + 1) if number % d == 0)
 
 
-class _ZarrShard:
-    """Writer of a shard of the data set: whole shards of each array of its split's group."""
+class ShardWriter:
+    """Writer of the images of a shard below a folder that mirrors the data set's."""
 
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
-        self._recipe, self._shard = recipe, shard
+        self._recipe, self._shard, self._folder = recipe, shard, folder
+
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
+        """Add further frames of the position-th sequence of the shard."""
+        raise NotImplementedError
+
+    def finish(self) -> None:
+        """Finish the files of the shard."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Close open files, finished or not."""
+
+    def locate(self, sequence: Sequence, key: ImageKey) -> tuple[str, str]:
+        """Return an image's file, relative to the data set, and its item in it: indices, or a member's name."""
+        raise NotImplementedError
+
+
+class _ZarrShard(ShardWriter):
+    """Whole shards of each array of the group of a split."""
+
+    def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
+        super().__init__(recipe, shard, folder)
         self._path = folder / store_path(shard.split)
         self._arrays = create_store(recipe, shard.split, self._path)
         self._buffers: dict[str, Any] = {}
         self._first = shard.number * recipe.shard_size
 
-    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: dict[str, Any], truth: Any) -> None:
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
         """Keep frames until a shard of an array is full."""
         if self._recipe.contributions and sequence.scenario.target_names != self._recipe.scenario.target_names:
             raise InputError(
@@ -158,10 +174,7 @@ class _ZarrShard:
         for name in list(self._buffers):
             self._flush(name, 0, self._recipe.n_frame)
         for path in self._path.rglob("zarr.json"):
-            os.unlink(path)  # noqa: PTH108
-
-    def close(self) -> None:
-        """Do nothing: no file is open."""
+            path.unlink()
 
     def locate(self, sequence: Sequence, key: ImageKey) -> tuple[str, str]:
         """The array and the index of an image."""
@@ -191,11 +204,11 @@ def bytes_per_view(recipe: Recipe, instrument: Instrument, n_target: int) -> int
     return per_pixel * recipe.pixels_of(instrument)
 
 
-class _SequenceFolders:
+class _SequenceFolders(ShardWriter):
     """A folder for each sequence, with the files of a run: cubes, or an image file each, and animations."""
 
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
-        self._recipe, self._shard, self._folder = recipe, shard, folder
+        super().__init__(recipe, shard, folder)
         if recipe.format in ("fits", "fits-frames"):
             self._format: Format = FORMATS[recipe.format]
         else:
@@ -239,9 +252,6 @@ class _SequenceFolders:
             path.unlink()
         self._written = {}
 
-    def close(self) -> None:
-        """Do nothing."""
-
     def locate(self, sequence: Sequence, key: ImageKey) -> tuple[str, str]:
         """The plane of a cube, the extension of a file, or the file of an image."""
         images = Images(sequence.scenario, key.sensor, key.band, [key.frame])
@@ -250,7 +260,7 @@ class _SequenceFolders:
         return f"{folder_of(self._shard, key.sequence)}/{name}", item
 
 
-class TarArchive:
+class _TarArchive(ShardWriter):
     """A tar archive per shard, in the form of WebDataset: KEY.npy (all bands), KEY.PLANE.npy and KEY.json.
 
     A key is SEQUENCE_FRAME_SENSOR. Archives hold no times and no owners, so that equal content is equal bytes; names
@@ -258,7 +268,7 @@ class TarArchive:
     """
 
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
-        self._recipe, self._shard = recipe, shard
+        super().__init__(recipe, shard, folder)
         path = folder / f"{shard.stem}.tar"
         path.parent.mkdir(parents=True, exist_ok=True)
         self._tar = tarfile.open(path, "w", format=tarfile.PAX_FORMAT)  # noqa: SIM115
@@ -321,12 +331,7 @@ class TarArchive:
         return f"{self._shard.stem}.tar", f"{member}.npy[{own.index(key.band)}]"
 
 
-ShardWriter = _SequenceFolders | TarArchive | _ZarrShard
-
-
-@contextlib.contextmanager
-def shard_writer(recipe: Recipe, shard: Shard, folder: Path) -> Iterator[ShardWriter]:
+def shard_writer(recipe: Recipe, shard: Shard, folder: Path) -> ShardWriter:
     """Return the writer of a recipe's format."""
-    kinds: dict[str, type[ShardWriter]] = {"zarr": _ZarrShard, "webdataset": TarArchive}
-    with contextlib.closing(kinds.get(recipe.format, _SequenceFolders)(recipe, shard, folder)) as writer:
-        yield writer
+    kinds: dict[str, type[ShardWriter]] = {"zarr": _ZarrShard, "webdataset": _TarArchive}
+    return kinds.get(recipe.format, _SequenceFolders)(recipe, shard, folder)
