@@ -148,15 +148,12 @@ def _more_of_targets(
 def _clock_packet(scenario: Scenario, dates: Dates) -> Any:
     """The first packet: name, version and clock."""
     from czml3 import CZML_VERSION, Packet
-    from czml3.enums import ClockRanges, ClockSteps
     from czml3.properties import Clock
     from czml3.types import IntervalValue
 
     scene = scenario.scene
     start, end = dates([0.0, scene.duration_s])
-    clock = Clock(
-        currentTime=start, multiplier=10, range=ClockRanges.LOOP_STOP, step=ClockSteps.SYSTEM_CLOCK_MULTIPLIER
-    )
+    clock = Clock(currentTime=start, multiplier=10, range="LOOP_STOP", step="SYSTEM_CLOCK_MULTIPLIER")
     description = escape(printable_lines(scene.description)) or "A scene of warpsim."
     return Packet(
         id=_DOCUMENT, name=scene.name, version=CZML_VERSION, description=description,
@@ -193,9 +190,6 @@ def _body(
     Name and path show where it is named: thirty names at one point hide one another.
     """
     from czml3 import Packet
-    from czml3.enums import HorizontalOrigins
-    from czml3.properties import Color, Label, Path, Point
-    from czml3.types import Cartesian2Value, TimeInterval
 
     span_s, duration_s = body_span_s(scenario, name), scenario.scene.duration_s
     position_m = functools.partial(scenario.position_m, name)
@@ -208,17 +202,17 @@ def _body(
         id=name,
         name=name,
         description=description,
-        availability=TimeInterval(start=first, end=last),
+        availability={"start": first, "end": last},
         position=position_property(pieces, dates),
-        point=Point(color=Color(rgba=colour), pixelSize=8 if is_named else 4, outlineWidth=0),
-        label=Label(
-            text=name, font="12px sans-serif", fillColor=Color(rgba=colour), show=is_named,
-            horizontalOrigin=HorizontalOrigins.LEFT, pixelOffset=Cartesian2Value(values=_LABEL_OFFSET_PX),
-        ),
-        path=Path(
-            material=solid([*colour[:3], 140]), width=1 if colour is _SATELLITE else 2, show=is_named,
-            leadTime=duration_s, trailTime=duration_s, resolution=60,
-        ),
+        point={"color": {"rgba": colour}, "pixelSize": 8 if is_named else 4, "outlineWidth": 0},
+        label={
+            "text": name, "font": "12px sans-serif", "fillColor": {"rgba": colour}, "show": is_named,
+            "horizontalOrigin": "LEFT", "pixelOffset": {"values": _LABEL_OFFSET_PX},
+        },
+        path={
+            "material": solid([*colour[:3], 140]), "width": 1 if colour is _SATELLITE else 2, "show": is_named,
+            "leadTime": duration_s, "trailTime": duration_s, "resolution": 60,
+        },
         **more,
     )  # fmt: skip
     return packet, error_m

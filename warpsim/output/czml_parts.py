@@ -72,7 +72,6 @@ def body_span_s(scenario: Scenario, name: str) -> Span:
 
 def position_property(pieces: list[Piece], dates: Dates) -> Any:
     """Return sampled positions; by intervals where there is more than one piece."""
-    from czml3.enums import InterpolationAlgorithms, ReferenceFrames
     from czml3.properties import Position
     from czml3.types import IntervalValue, TimeIntervalCollection
 
@@ -81,8 +80,8 @@ def position_property(pieces: list[Piece], dates: Dates) -> Any:
         Position(
             epoch=epoch,
             cartesian=np.column_stack(piece).ravel().tolist(),
-            referenceFrame=ReferenceFrames.INERTIAL,
-            interpolationAlgorithm=InterpolationAlgorithms.LAGRANGE,
+            referenceFrame="INERTIAL",
+            interpolationAlgorithm="LAGRANGE",
             interpolationDegree=DEGREE,
         )
         for piece in pieces
@@ -98,26 +97,23 @@ def polyline(
     references: list[str], shown_s: Sequence[Span], colour: list[int], width: float, dates: Dates, duration_s: float
 ) -> Any:
     """Return a straight line through the positions of other packets, shown within some spans of the scene."""
-    from czml3.enums import ArcTypes
-    from czml3.properties import Polyline, PositionList
+    from czml3.properties import Polyline
     from czml3.types import IntervalValue, TimeIntervalCollection
 
     spans = [(*dates([0.0, duration_s]), False), *((*dates(span_s), True) for span_s in shown_s)]
     shown = [IntervalValue(start=start, end=end, value=value) for start, end, value in spans]  # later ones win
     return Polyline(
         show=TimeIntervalCollection(values=shown),
-        positions=PositionList(references=references),
-        arcType=ArcTypes.NONE,
+        positions={"references": references},
+        arcType="NONE",
         width=width,
         material=solid(colour),
     )
 
 
-def solid(colour: list[int]) -> Any:
+def solid(colour: list[int]) -> dict[str, Any]:
     """Return a material of one colour."""
-    from czml3.properties import Color, PolylineMaterial, SolidColorMaterial
-
-    return PolylineMaterial(solidColor=SolidColorMaterial(color=Color(rgba=colour)))
+    return {"solidColor": {"color": {"rgba": colour}}}
 
 
 # --- samples of motion ---

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.instant import Epoch
 from warpsim.orbit.earth import itrs_to_gcrs
-from warpsim.output.czml_parts import MOST_SAMPLES, Dates, Span, body_span_s
+from warpsim.output.czml_parts import MOST_SAMPLES, Dates, Span, body_span_s, solid
 from warpsim.output.czml_views import within
 from warpsim.quaternion import conjugate, from_matrix, in_one_hemisphere, product, rotation_between_rad, slerp
 from warpsim.scene.attitudes import AnyAttitude
@@ -65,7 +65,6 @@ def orientations(
     """
     if not names:
         return
-    from czml3.enums import InterpolationAlgorithms
     from czml3.properties import Orientation
 
     (epoch,) = dates([0.0])
@@ -83,7 +82,7 @@ def orientations(
         orientation = Orientation(
             epoch=epoch,
             unitQuaternion=np.column_stack([time_s, np.round(quaternion, _DECIMALS)]).ravel().tolist(),
-            interpolationAlgorithm=InterpolationAlgorithms.LINEAR,
+            interpolationAlgorithm="LINEAR",
             interpolationDegree=1,
         )
         yield name, {"orientation": orientation, **_solid_of(scenario.targets[number].spec.shape, colours[name])}
@@ -184,21 +183,15 @@ def _off_rad(at: QuaternionAt, time_s: F64, turned: F64, first: NDArray[np.int64
 
 def _solid_of(shape: Any, colour: list[int]) -> dict[str, Any]:
     """The field of a packet that draws a shape in its body's axes; none of a mesh."""
-    from czml3 import properties as czml
-    from czml3.types import Cartesian3Value
-
-    material = czml.Material(solidColor=czml.SolidColorMaterial(color=czml.Color(rgba=colour)))
-    style = {"material": material, "outline": True, "outlineColor": czml.Color(rgba=[40, 40, 40, 255])}
+    style = {"material": solid(colour), "outline": True, "outlineColor": {"rgba": [40, 40, 40, 255]}}
     if shape.kind == "mesh":
         return {}
     if shape.kind == "sphere":
-        radii = czml.EllipsoidRadii(cartesian=Cartesian3Value(values=[shape.radius_m] * 3))
-        return {"ellipsoid": czml.Ellipsoid(radii=radii, **style)}
+        return {"ellipsoid": {"radii": {"cartesian": {"values": [shape.radius_m] * 3}}, **style}}
     if shape.kind == "plate":
-        size = czml.BoxDimensions(cartesian=Cartesian3Value(values=[shape.width_m, shape.length_m, _PLATE_M]))
-        return {"box": czml.Box(dimensions=size, **style)}
+        return {"box": {"dimensions": {"cartesian": {"values": [shape.width_m, shape.length_m, _PLATE_M]}}, **style}}
     radii_m = {"topRadius": top_radius_m(shape), "bottomRadius": shape.radius_m}
-    return {"cylinder": czml.Cylinder(length=shape.height_m, **radii_m, **style)}
+    return {"cylinder": {"length": shape.height_m, **radii_m, **style}}
 
 
 # --- curves of light ---

@@ -89,7 +89,6 @@ def fields_of_view(scenario: Scenario, dates: Dates) -> Iterator[Any]:
     A field is shown while the sensor has access; that of a sensor that never tracks anything always.
     """
     from czml3 import Packet
-    from czml3.types import TimeInterval
 
     duration_s = scenario.scene.duration_s
     for instrument in scenario.instruments.values():
@@ -108,7 +107,7 @@ def fields_of_view(scenario: Scenario, dates: Dates) -> Iterator[Any]:
                     id=f"{name}/{k + 1}",
                     name=f"corner {k + 1} of the field of view of {sensor}",
                     parent=name,
-                    availability=TimeInterval(start=first, end=last),
+                    availability={"start": first, "end": last},
                     position=position_property([(time_s, m[:, 3 * k : 3 * k + 3]) for time_s, m in pieces], dates),
                 )
 

@@ -119,19 +119,17 @@ class Format:
         return None
 
 
-class FitsCubes(Format):
+class _FitsCubes(Format):
     """SENSOR_BAND.fits: a cube of counts; SENSOR_BAND.PLANE.fits of other planes."""
 
     ending = ".fits"
 
     def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
-        """Append to a cube for each plane."""
         cards = scene_cards(images.scenario.scene, images.instrument, images.sensor, images.band)
         for name, values in planes.items():
             append_planes(self.path(folder, images, name), values, len(images.frames), _cards_of_plane(cards, name))
 
     def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
-        """Add the table of frames to the cubes of counts."""
         for name in PLANES:
             paths = [path for of_band in images if (path := self.path(folder, of_band, name)).exists()]
             if name == "counts":
@@ -141,7 +139,6 @@ class FitsCubes(Format):
                     finish_planes(path)
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
-        """Planes of the cube."""
         return read_planes(self.path(folder, images), frames)
 
 
@@ -152,13 +149,12 @@ def _cards_of_plane(cards: list[Card], plane: str) -> list[Card]:
     return [*(card for card in cards if card[0] != "BUNIT"), ("HISTORY", PLANES[plane], "")]
 
 
-class FitsFrames(Format):
+class _FitsFrames(Format):
     """SENSOR_BAND.frames.fits: an extension for each frame; SENSOR_BAND.PLANE.frames.fits of other planes."""
 
     ending = ".frames.fits"
 
     def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
-        """Append an extension for each frame, to a file for each plane."""
         scene = images.scenario.scene
         cards = scene_cards(scene, images.instrument, images.sensor, images.band)
         every = list(image_cards(scene, images.band, views))
@@ -168,7 +164,6 @@ class FitsFrames(Format):
             append_frames(path, values, views.frames, own, _cards_of_plane(cards, name))
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
-        """Extensions of the file."""
         return read_frames(self.path(folder, images), frames)
 
 
@@ -219,36 +214,30 @@ def _write_plane(path: Path, name: str, values: npt.NDArray[Any], facts: dict[st
         np.save(path, values)
 
 
-class ZarrArrays(Format):
+class _ZarrArrays(Format):
     """SENSOR_BAND.zarr: an array of counts, Zarr v3."""
 
     ending = ".zarr"
 
     def check(self) -> None:
-        """Check for the extra `zarr`."""
         check_zarr()
 
     def names(self, images: Images) -> list[str]:
-        """The array's shards, and its description."""
         return zarr_names(f"{images.stem}.zarr", images.shape)
 
     def n_together(self, images: Images) -> int:
-        """Whole shards."""
         return shard_frames(images.shape)
 
     def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
-        """Write shard by shard."""
         first = images.frames.index(views.frames[0])
         append_counts(self.path(folder, images), images.shape, first, planes["counts"])
 
     def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
-        """Add what is known of the images."""
         for of_band in images:
             facts = [facts_of(cards) for cards in image_cards(of_band.scenario.scene, of_band.band, views)]
             finish_array(self.path(folder, of_band), of_band.shape, facts)
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
-        """Planes of the array."""
         return read_zarr_counts(self.path(folder, images), frames)
 
 
@@ -289,12 +278,12 @@ class Animations(Format):
 
 
 FORMATS: dict[str, Format] = {
-    "fits": FitsCubes(),
-    "fits-frames": FitsFrames(),
+    "fits": _FitsCubes(),
+    "fits-frames": _FitsFrames(),
     "tiff": ImageFiles({"counts": ".tif"}),
     "png": ImageFiles({"counts": ".png"}),
     "exr": ImageFiles({"signal_w_cm2": ".exr"}),
-    "zarr": ZarrArrays(),
+    "zarr": _ZarrArrays(),
 }
 PREVIEWS: dict[str, Format] = {"gif": Animations(".gif"), "mp4": Animations(".mp4")}
 

@@ -53,6 +53,10 @@ class RunPlan:
         """All bands."""
         return list(dict.fromkeys(band for bands in self.bands_of.values() for band in bands))
 
+    def bands_of_kind(self, instrument: Instrument) -> list[str]:
+        """Bands of the sensors of a kind."""
+        return next(self.bands_of[sensor] for sensor in self.frames_of if sensor in instrument.names)
+
     @property
     def instruments(self) -> dict[str, Instrument]:
         """The kinds of the sensors that are rendered, by name."""
@@ -65,16 +69,11 @@ class RunPlan:
         return [f"{table}.fits" for table in self.tables]
 
     @property
-    def names(self) -> list[str]:
-        """Names of all files of the finished run but the manifest, relative to its folder."""
-        images = [name for sensor in self.frames_of for name in self.image_names(sensor)]
-        return [*images, *self.table_names, SHEET]
-
-    @property
     def claimed_names(self) -> list[str]:
-        """Files and folders that must be the run's own."""
-        arrays = {name.partition("/")[0] for name in self.names if ".zarr/" in name}
-        return [*self.names, *sorted(arrays), MANIFEST]
+        """All files, relative to the folder, and the folders of arrays: they must be the run's own."""
+        images = [name for sensor in self.frames_of for name in self.image_names(sensor)]
+        arrays = {name.partition("/")[0] for name in images if ".zarr/" in name}
+        return [*images, *self.table_names, SHEET, *sorted(arrays), MANIFEST]
 
     def images_of(self, sensor: str) -> list[Images]:
         """The images of a sensor, band by band."""

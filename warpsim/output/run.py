@@ -328,13 +328,12 @@ def _best_band(plan: RunPlan, instrument: Instrument, truth: Table) -> str:
     """The band of a kind of sensor in which the targets stand out most."""
     own = np.isin(np.asarray(truth["sensor"]).astype(str), instrument.names)
     names, snr = np.asarray(truth["band"]).astype(str)[own], np.asarray(truth["snr"])[own]
-    bands = next(plan.bands_of[sensor] for sensor in plan.frames_of if sensor in instrument.names)
-    return max(bands, key=lambda band: np.max(snr[names == band], initial=0.0))
+    return max(plan.bands_of_kind(instrument), key=lambda band: np.max(snr[names == band], initial=0.0))
 
 
 def _sensor_facts(plan: RunPlan, renderer: Renderer, instrument: Instrument) -> dict[str, Any]:
     """Facts of a kind of sensor for the manifest: light, noise, and quadrature over the exposure."""
-    bands = next(plan.bands_of[sensor] for sensor in plan.frames_of if sensor in instrument.names)
+    bands = plan.bands_of_kind(instrument)
     facts: dict[str, Any] = {
         "bands": bands,
         "light_terms": {name: term.reason for name, term in instrument.light_terms.items()},
