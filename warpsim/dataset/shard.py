@@ -66,7 +66,6 @@ Locate = Callable[[Sequence, ImageKey], tuple[str, str]]
 
 
 def _rows(recipe: Recipe, sequence: Sequence, position: int, frames: FrameSet, locate: Locate) -> dict[str, Table]:
-    """Rows of a render call by table."""
     keys = image_keys(recipe, sequence, position, frames)
     ids = np.array([image_id(recipe, key) for key in keys], dtype=np.int64)
     truth = label_table(frames, recipe.least_nei, recipe.masks, recipe.least_box_px)
@@ -126,7 +125,6 @@ def _image_table(sequence: Sequence, frames: FrameSet, keys: list[ImageKey], loc
 
 
 def _put_keys_first(table: Table, image_ids: Any, sequence: int) -> None:
-    """Move the key columns to the front."""
     table.add_column(image_ids, index=0, name="image_id")
     table.add_column(np.full(len(table), sequence, dtype=np.int64), index=1, name="sequence")
 

@@ -186,7 +186,6 @@ class _HuggingFace(Layout):
 
     @staticmethod
     def _give_types(lines: Path) -> None:
-        """Turn lines of JSON into a table."""
         arrow, arrow_json, parquet = (import_module(f"pyarrow{part}") for part in ("", ".json", ".parquet"))
         objects = {name: arrow.list_(arrow.type_for_alias(kind)) for name, kind in HUB_OBJECTS.items()}
         objects["bbox"] = arrow.list_(objects["bbox"])

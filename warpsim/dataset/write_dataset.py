@@ -227,7 +227,6 @@ def _write_stores(recipe: Recipe, folder: Path, parts: Path) -> list[Path]:
 
 
 def _write_annotations(recipe: Recipe, folder: Path, records: dict[str, CheckpointRecord]) -> list[Path]:
-    """COCO's annotations of each split."""
     paths = []
     for split in recipe.ratios if recipe.coco else ():
         path = folder / ANNOTATIONS / f"{split}.json"

@@ -165,7 +165,6 @@ class _ZarrShard(ShardWriter):
                     self._flush(name, number // n_frame * n_frame, number + 1)
 
     def _flush(self, name: str, first: int, end: int) -> None:
-        """Write a whole shard of an array."""
         last = self._first + len(self._shard.sequences)
         self._arrays[name][self._first : last, first:end] = self._buffers.pop(name)[:, : end - first]
 

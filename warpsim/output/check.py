@@ -130,7 +130,6 @@ def _sky_lines(scenario: Scenario, catalogs: Mapping[str, StarCatalog], tiles: S
 
 
 def _specs(scenario: Scenario) -> list[TargetSpec]:
-    """Entries of targets, each name once."""
     return list({spec.name: spec for group in scenario.scene.groups for spec in group.targets}.values())
 
 

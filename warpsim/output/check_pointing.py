@@ -32,7 +32,6 @@ def target_attitude_lines(scenario: Scenario) -> list[str]:
 
 
 def _free_line(name: str, nutation: Nutation) -> str:
-    """A line about a free rotation: its two turns."""
     words = f"{name} turns freely, {nutation.precession_rev_s:.4g} rev/s about its angular momentum"
     if nutation.rate_rev_s == 0.0:
         return f"  attitude   {words}"
@@ -93,12 +92,10 @@ def pointing_lines(
 
 
 def _where_text(pointing: Pointing, number: int) -> str:
-    """Satellites of an entry."""
     return f"; on {'all others' if number and ALL in pointing.on else ', '.join(pointing.on)}"
 
 
 def _pointing_text(pointing: Pointing) -> str:
-    """Pointing law of a camera, and its errors."""
     if isinstance(pointing, TrackPointing):
         what = f"tracks {pointing.track}"
     elif isinstance(pointing, BodyPointing):

@@ -80,7 +80,6 @@ def sensor_lines(instrument: Instrument, scenario: Scenario, catalog: StarCatalo
 
 
 def _camera_lines(instrument: Instrument, scenario: Scenario) -> list[str]:
-    """Times of frames, and the camera."""
     frames, camera = instrument.frames, instrument.sensor.camera
     bands = f", bands {' '.join(instrument.sensor.bands)}" if len(scenario.instruments) > 1 else ""
     width, height = (f"{np.degrees(1 / focal) * 3600:.2f}" for focal in (camera.focal_px, camera.focal_row_px))

@@ -146,7 +146,6 @@ def _more_of_targets(
 
 
 def _clock_packet(scenario: Scenario, dates: Dates) -> Any:
-    """The first packet: name, version and clock."""
     from czml3 import CZML_VERSION, Packet
     from czml3.properties import Clock
     from czml3.types import IntervalValue

@@ -105,7 +105,6 @@ def earth_rotation(epoch: Epoch, duration_s: float) -> QuaternionAt:
 
 
 def _earth_fixed(attitude: AnyAttitude, earth: QuaternionAt, time_s: F64) -> F64:
-    """Rotations from body to Earth-fixed axes, (n, 4)."""
     return product(conjugate(earth(time_s)), attitude.at(time_s))
 
 

@@ -124,7 +124,6 @@ def _commanded_span_s(instrument: Instrument, index: int, duration_s: float) -> 
 
 
 def _shown_s(instrument: Instrument, index: int, span_s: Span) -> list[Span]:
-    """Spans in which the field of view of a sensor is shown [s]."""
     if span_s[0] >= span_s[1]:
         return []
     if not any(len(targets) for _, targets in instrument.program.tracked(index)):

@@ -183,7 +183,6 @@ def _cards(frames: FrameSet, frame: int, sensor: str, band: str) -> list[Card]:
 def _write(
     path: Path, pixels: npt.NDArray[Any], kind: np.dtype[Any], suffixes: tuple[str, ...], meta: dict[str, Any]
 ) -> None:
-    """Write an image of one channel."""
     suffix = path.suffix.lower()
     if suffix not in suffixes:
         raise InputError(f"must end in one of {', '.join(suffixes)}").of(path)

@@ -37,7 +37,6 @@ def _bands(table: Table) -> list[str]:
 
 
 def _spread(table: Table, bands: list[str]) -> Table:
-    """The table with values of all bands."""
     own = _bands(table)
     if own == bands:
         return table

@@ -179,7 +179,6 @@ def _identity(
     tables: tuple[str, ...],
     formats: tuple[str, ...],
 ) -> dict[str, Any]:
-    """Return all that the files of a run depend on, as plain values."""
     scenario = renderer.scenario
     kinds = dict.fromkeys(scenario.instrument_of(sensor).sensor.name for sensor in frames_of)
     return {

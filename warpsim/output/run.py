@@ -300,7 +300,6 @@ class Run:
         )
 
     def _manifest(self, key: str, checksums: dict[str, str]) -> dict[str, Any]:
-        """Manifest: files, inputs and versions."""
         plan, device = self.plan, self.renderer.device
         tracks = plan.scenario.tracks
         return {
