@@ -283,12 +283,10 @@ def dataset_provenance(recipe: Recipe) -> dict[str, Any]:
 STAR_CATALOG = "star catalog"
 """Among the inputs: the scene's, whether it came from a file or not; of each kind of sensor with stars of its own."""
 
-Identity = dict[str, Any]
-
 Stamp = tuple[int, int] | None
 
 
-def identity_of(recipe: Recipe, device: str) -> Identity:
+def identity_of(recipe: Recipe, device: str) -> dict[str, Any]:
     """Return all inputs that the bytes of a data set depend on, as plain values for its manifest; any GPU is "cuda"."""
     return {
         "recipe": recipe.to_dict(),

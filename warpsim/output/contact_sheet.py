@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.detector.levels import Levels
+from warpsim.output.formats import Images
 from warpsim.output.grey import CEILING_NEI, grey, window_about
 from warpsim.output.image_files import write_grey
 from warpsim.scene.description import SceneDescription
-from warpsim.scene.instrument import Instrument
 from warpsim.scene.provenance import provenance
 
 TILE_PX = 128
@@ -34,34 +33,18 @@ _MOST_ROOM_PX = 1400
 _MARK = np.array([79, 209, 255], np.uint8)
 _MARK_PX = (3.0, 1.5)  # a tick above a target, from and to so many pixels of the image
 
-Planes = Callable[[str, list[int]], npt.NDArray[np.uint16]]
-"""(sensor, frame numbers) -> counts, shape (n, n_row, n_col)."""
+Planes = Callable[[Images, list[int]], npt.NDArray[np.uint16]]
+"""(images of a sensor, frame numbers) -> counts, shape (n, n_row, n_col)."""
 
-Places = Callable[[str, list[int]], list[npt.NDArray[np.float64]]]
-"""(sensor, frame numbers) -> columns and rows of the targets with light, each of shape (n, 2) [px]."""
+Places = Callable[[Images, list[int]], list[npt.NDArray[np.float64]]]
+"""(images of a sensor, frame numbers) -> columns and rows of the targets with light, each of shape (n, 2) [px]."""
 
 Label = tuple[int, int, str, int, tuple[float, float, float]]
 """Where, what, its size and colour."""
 
 
-@dataclass(frozen=True)
-class SheetRow:
-    """A row of the sheet: the images of a sensor."""
-
-    sensor: str
-    instrument: Instrument
-    band: str
-    frames: list[int]
-    """Rendered frame numbers."""
-
-    @property
-    def time_s(self) -> npt.NDArray[np.float64]:
-        """Times of the frames after the epoch [s]."""
-        return self.instrument.frame_time_s(self.frames)
-
-
 def draw_contact_sheet(
-    scene: SceneDescription, rows: Sequence[SheetRow], planes: Planes, path: Path, places: Places | None = None
+    scene: SceneDescription, rows: Sequence[Images], planes: Planes, path: Path, places: Places | None = None
 ) -> None:
     """Draw a PNG of some frames of every sensor.
 
@@ -95,7 +78,7 @@ def _left(column: int) -> int:
     return LEFT_PX + column * (TILE_PX + GAP_PX)
 
 
-def _bands_text(rows: Sequence[SheetRow]) -> str:
+def _bands_text(rows: Sequence[Images]) -> str:
     """Band shown, by kind of sensor if there are several."""
     bands = {row.instrument.sensor.name: row.band for row in rows}
     if len(set(bands.values())) == 1:
@@ -104,20 +87,21 @@ def _bands_text(rows: Sequence[SheetRow]) -> str:
 
 
 def _draw_row(
-    canvas: npt.NDArray[np.uint8], top: int, row: SheetRow, columns: Sequence[float], planes: Planes,
+    canvas: npt.NDArray[np.uint8], top: int, row: Images, columns: Sequence[float], planes: Planes,
     places: Places | None,
 ) -> list[Label]:  # fmt: skip
     """Draw the tiles of a sensor; the labels that belong to them."""
     middle = top + TILE_PX // 2
     name, _, kind = row.sensor.partition(".")
     labels: list[Label] = [(8, middle, name, 15, _INK), *([(8, middle + 18, kind, 13, _FAINT)] if kind else [])]
-    shown = _nearest(row.time_s, columns)
+    row_s = row.instrument.frame_time_s(row.frames)
+    shown = _nearest(row_s, columns)
     tiles: dict[int, npt.NDArray[np.uint16]] = {}
     points: dict[int, npt.NDArray[np.float64]] = {}
     if shown:
         numbers = [row.frames[index] for index in shown.values()]
-        tiles = dict(zip(shown, planes(row.sensor, numbers), strict=True))
-        points = dict(zip(shown, places(row.sensor, numbers), strict=True)) if places else {}
+        tiles = dict(zip(shown, planes(row, numbers), strict=True))
+        points = dict(zip(shown, places(row, numbers), strict=True)) if places else {}
     for column, time_s in enumerate(columns):
         left = _left(column)
         if column not in tiles:
@@ -130,7 +114,7 @@ def _draw_row(
         else:
             tile = np.repeat(grey_tile(tiles[column], levels)[..., None], 3, axis=2)
         canvas[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
-        own_s = row.time_s[shown[column]]
+        own_s = row_s[shown[column]]
         if own_s != time_s:
             labels.append((left + 4, top + 14, f"{own_s:.1f} s", 11, _INK))
     return labels
@@ -162,9 +146,9 @@ def grey_tile(counts: npt.NDArray[np.uint16], levels: Levels) -> npt.NDArray[np.
     return np.repeat(np.repeat(shade, enlarge, axis=0), enlarge, axis=1)
 
 
-def _column_times_s(rows: Sequence[SheetRow]) -> list[float]:
+def _column_times_s(rows: Sequence[Images]) -> list[float]:
     """Times of the columns: evenly spread over the frames that any sensor has."""
-    times = np.unique(np.concatenate([row.time_s for row in rows])) if rows else np.zeros(0)
+    times = np.unique(np.concatenate([row.instrument.frame_time_s(row.frames) for row in rows]))
     picks = np.linspace(0, len(times) - 1, min(N_COLUMN, len(times))).round().astype(int)
     return [float(times[i]) for i in sorted(set(picks.tolist()))]
 

@@ -19,7 +19,7 @@ from warpsim.output.calibration import write_maps
 from warpsim.output.check_background import earth_warning
 from warpsim.output.check_pointing import pointing_warning
 from warpsim.output.checkpoints import files_match
-from warpsim.output.contact_sheet import SheetRow, draw_contact_sheet
+from warpsim.output.contact_sheet import draw_contact_sheet
 from warpsim.output.fits_header import Views
 from warpsim.output.formats import Images
 from warpsim.output.growing import GrowingFiles
@@ -275,29 +275,23 @@ class Run:
 
     def _draw_sheet(self, folder: Path, truth: Table) -> None:
         plan = self.plan
-        shown = {kind: _best_band(plan, instrument, truth) for kind, instrument in plan.instruments.items()}
-        kinds = {sensor: plan.scenario.instrument_of(sensor) for sensor in plan.frames_of}
+        best = {kind: _best_band(plan, instrument, truth) for kind, instrument in plan.instruments.items()}
+        bands = {sensor: best[plan.scenario.instrument_of(sensor).sensor.name] for sensor in plan.frames_of}
+        rows = [Images(plan.scenario, sensor, band, plan.frames_of[sensor]) for sensor, band in bands.items()]
 
-        def planes(sensor: str, frames: list[int]) -> npt.NDArray[np.uint16]:
-            band = shown[kinds[sensor].sensor.name]
-            (images,) = (images for images in plan.images_of(sensor) if images.band == band)
-            read = (form.counts(folder, images, frames) for form in plan.formats.values())
+        def planes(row: Images, frames: list[int]) -> npt.NDArray[np.uint16]:
+            read = (form.counts(folder, row, frames) for form in plan.formats.values())
             return next(counts for counts in read if counts is not None)
 
-        def places(sensor: str, frames: list[int]) -> list[npt.NDArray[np.float64]]:
-            band = shown[kinds[sensor].sensor.name]
+        def places(row: Images, frames: list[int]) -> list[npt.NDArray[np.float64]]:
             lit = np.ma.filled(truth["irradiance_w_cm2"], 0.0) > 0  # columns that not all kinds have are masked
-            own = truth[(truth["sensor"] == sensor) & (truth["band"] == band) & lit]
+            own = truth[(truth["sensor"] == row.sensor) & (truth["band"] == row.band) & lit]
             xy_px = np.stack([np.asarray(own[name], np.float64) for name in ("x_px", "y_px")], axis=1)
             there = np.isfinite(xy_px).all(axis=1)  # behind a camera there is no place
             return [xy_px[there & (np.asarray(own["frame"]) == frame)] for frame in frames]
 
-        rows = [
-            SheetRow(sensor, kind, shown[kind.sensor.name], plan.frames_of[sensor]) for sensor, kind in kinds.items()
-        ]
-        draw_contact_sheet(
-            plan.scenario.scene, rows, planes, folder / SHEET, places if self.sheet == "targets" else None
-        )
+        marks = places if self.sheet == "targets" else None
+        draw_contact_sheet(plan.scenario.scene, rows, planes, folder / SHEET, marks)
 
     def _manifest(self, key: str, checksums: dict[str, str]) -> dict[str, Any]:
         plan, device = self.plan, self.renderer.device
