@@ -22,7 +22,7 @@ import numpy as np
 from warpsim.dataset.crossings import crossing_changes
 from warpsim.dataset.recipe import SHARDED, Recipe, choices_with_files, drawn_words
 from warpsim.errors import InputError, errors_at
-from warpsim.output.manifest import package_versions
+from warpsim.output.summary import package_versions
 from warpsim.render.frameset import FrameSet
 from warpsim.render.stars import catalog_checksums
 from warpsim.scene.environment import BUILT_IN_CATALOGS

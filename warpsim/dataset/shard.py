@@ -39,9 +39,8 @@ from warpsim.instant import utc_dates
 from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts, satnet_record
 from warpsim.labels.table import label_table, write_parquet
 from warpsim.optics.wcs import lens_keywords, tan_keywords
-from warpsim.output.joined_tables import joined_tables
-from warpsim.output.manifest import left_out_rows
 from warpsim.output.output_folder import PARTS, CheckpointRecord, OutputFolder, current_record, difference
+from warpsim.output.summary import joined_tables, left_out_rows
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 from warpsim.render.states import STATE_NAMES, STATE_UNITS, sensor_states

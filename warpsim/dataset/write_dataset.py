@@ -33,8 +33,8 @@ from warpsim.files import read_json, sha256_of
 from warpsim.labels.coco import coco_categories, write_coco_parts
 from warpsim.labels.table import write_parquet
 from warpsim.output.grey import check_preview
-from warpsim.output.manifest import left_out_rows, response_facts
 from warpsim.output.output_folder import CHECKPOINTS, MANIFEST, CheckpointRecord, OutputFolder
+from warpsim.output.summary import left_out_rows, response_facts
 from warpsim.output.wording import progress_bar
 from warpsim.output.zarr_array import check_zarr
 from warpsim.render.device import default_device, n_usable_cpu

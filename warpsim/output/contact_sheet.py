@@ -57,7 +57,7 @@ def draw_contact_sheet(
             images when left out.
     """
     columns = _column_times_s(rows)
-    height = TOP_PX + max(1, len(rows)) * (TILE_PX + GAP_PX)
+    height = TOP_PX + len(rows) * (TILE_PX + GAP_PX)
     title = f"{scene.name}   {_bands_text(rows)}   {scene.epoch_utc} UTC"
     words = f"white: {CEILING_NEI:g} NEI, asinh scale, times after the epoch   behind: {scene.background.summary}"
     room = max(_LETTER_PX[0] * len(title), _LETTER_PX[1] * len(words))  # for words above a few tiles

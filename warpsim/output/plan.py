@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from warpsim.arguments import chosen_names
 from warpsim.detector.artifacts import has_artifacts
 from warpsim.detector.detectors import has_maps
 from warpsim.errors import InputError
-from warpsim.output.formats import FORMATS, Format, Images, chosen_formats
+from warpsim.output.formats import Format, Images, chosen_formats
 from warpsim.output.output_folder import MANIFEST, PARTS
 from warpsim.render.renderer import Renderer
 from warpsim.render.request import checked_frames
@@ -36,11 +36,11 @@ class RunPlan:
     """Frames of each sensor: those asked for in which it has access."""
     identity: dict[str, Any]
     """All that the files depend on."""
-    tables: tuple[str, ...] = ("truth",)
+    tables: tuple[str, ...]
     """Tables beside the images: "truth" (targets), "stars" when requested, "artifacts" where detectors have any."""
-    formats: dict[str, Format] = field(default_factory=lambda: {name: FORMATS[name] for name in USUAL_FORMATS})
+    formats: dict[str, Format]
     """How images are stored, by name."""
-    without_access: tuple[str, ...] = ()
+    without_access: tuple[str, ...]
     """Sensors that were named, and have no access in these frames."""
 
     @property

@@ -23,10 +23,9 @@ from warpsim.output.contact_sheet import draw_contact_sheet
 from warpsim.output.fits_header import Views
 from warpsim.output.formats import Images
 from warpsim.output.growing import GrowingFiles
-from warpsim.output.joined_tables import joined_tables
-from warpsim.output.manifest import left_out_rows, package_versions, response_facts
 from warpsim.output.output_folder import PARTS, CheckpointRecord, OutputFolder
 from warpsim.output.plan import SHEET, USUAL_FORMATS, RunPlan, make_plan, maps_name, part_name
+from warpsim.output.summary import joined_tables, left_out_rows, package_versions, response_facts
 from warpsim.output.wording import progress_bar
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
