@@ -60,6 +60,18 @@ def whole(recipe, tmp_path_factory):
     return folder
 
 
+def _broken_off(*arguments, **options):
+    raise KeyboardInterrupt
+
+
+def break_off(step, recipe, folder):
+    """Write a data set up to a step, a function by its whole name, and end there as a kill would."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(step, _broken_off)
+        with pytest.raises(KeyboardInterrupt):
+            ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+
+
 def content(folder):
     """Every file of a folder, hidden ones too, and its bytes."""
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
@@ -315,14 +327,8 @@ def test_a_lost_shard_of_an_array_is_made_again(zarr_recipe, zarr_whole, tmp_pat
     "step", ["_write_stores", "_write_annotations", "_write_sequences", "python_version", "sha256_of"]
 )
 @pytest.mark.ci
-def test_a_run_that_ends_in_its_last_steps_goes_on(zarr_recipe, zarr_whole, tmp_path, monkeypatch, step):
-    def broken_off(*arguments, **options):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(f"warpsim.dataset.write_dataset.{step}", broken_off)
-    with pytest.raises(KeyboardInterrupt):
-        ws.write_dataset(zarr_recipe, tmp_path / "data", n_worker=1, device="cpu")
-    monkeypatch.undo()
+def test_a_run_that_ends_in_its_last_steps_goes_on(zarr_recipe, zarr_whole, tmp_path, step):
+    break_off(f"warpsim.dataset.write_dataset.{step}", zarr_recipe, tmp_path / "data")
     assert ws.write_dataset(zarr_recipe, tmp_path / "data", n_worker=1, device="cpu").n_shard_written == 0
     assert content(tmp_path / "data") == content(zarr_whole)
 
@@ -448,35 +454,25 @@ def test_few_tasks_wait_at_a_time(recipe, whole, tmp_path, monkeypatch):
     assert content(tmp_path / "data") == content(whole)
 
 
-def _broken_off(*arguments, **options):
-    raise KeyboardInterrupt
-
-
 @pytest.mark.parametrize("format", ["fits", "zarr"])
 @pytest.mark.ci
-def test_a_repair_that_is_killed_goes_on(recipe, whole, zarr_recipe, zarr_whole, tmp_path, monkeypatch, format):
+def test_a_repair_that_is_killed_goes_on(recipe, whole, zarr_recipe, zarr_whole, tmp_path, format):
     given, complete = (recipe, whole) if format == "fits" else (zarr_recipe, zarr_whole)
     folder = tmp_path / "data"
     shutil.copytree(complete, folder)
     next((folder / "train").rglob("truth.parquet" if format == "fits" else "*.truth.parquet")).unlink()
-    monkeypatch.setattr("warpsim.dataset.shard._write_files", _broken_off)
-    with pytest.raises(KeyboardInterrupt):
-        ws.write_dataset(given, folder, n_worker=1, device="cpu")
-    monkeypatch.undo()
+    break_off("warpsim.dataset.shard._write_files", given, folder)
     assert not (folder / "manifest.json").exists()
     assert ws.write_dataset(given, folder, n_worker=1, device="cpu").n_shard_written == 1
     assert content(folder) == content(complete)
 
 
 @pytest.mark.ci
-def test_a_run_killed_in_its_last_moment_is_tidied_up(recipe, whole, tmp_path, monkeypatch):
+def test_a_run_killed_in_its_last_moment_is_tidied_up(recipe, whole, tmp_path):
     folder = tmp_path / "data"
     shutil.copytree(whole, folder)
     (folder / "annotations" / "train.json").unlink()
-    monkeypatch.setattr("warpsim.output.output_folder.clear", _broken_off)
-    with pytest.raises(KeyboardInterrupt):
-        ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
-    monkeypatch.undo()
+    break_off("warpsim.output.output_folder.clear", recipe, folder)
     assert (folder / PARTS / "run.json").exists() and (folder / "manifest.json").exists()
     assert ws.write_dataset(recipe, folder, n_worker=1, device="cpu").n_shard_written == 0
     assert content(folder) == content(whole) and not (folder / PARTS).exists()
@@ -556,10 +552,7 @@ def test_kept_annotations_are_used_and_those_that_are_damaged_made_anew(recipe, 
     folder, made = tmp_path / "data", []
     texts = shard._texts
     monkeypatch.setattr(shard, "_texts", lambda *given: made.append(given) or texts(*given))
-    with monkeypatch.context() as patch:
-        patch.setattr("warpsim.dataset.write_dataset._Dataset.finish", _broken_off)
-        with pytest.raises(KeyboardInterrupt):
-            ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    break_off("warpsim.dataset.write_dataset._Dataset.finish", recipe, folder)
     assert len(made) == 8
     kept = folder / PARTS / "coco" / "train-000000.json"
     kept.write_text(kept.read_text().replace("0", "1", 1))
@@ -569,12 +562,9 @@ def test_kept_annotations_are_used_and_those_that_are_damaged_made_anew(recipe, 
 
 
 @pytest.mark.ci
-def test_a_file_of_somebody_in_a_folder_to_come_is_not_touched(recipe, tmp_path, monkeypatch):
+def test_a_file_of_somebody_in_a_folder_to_come_is_not_touched(recipe, tmp_path):
     folder = tmp_path / "data"
-    with monkeypatch.context() as patch:
-        patch.setattr("warpsim.dataset.write_dataset._Dataset.finish", _broken_off)
-        with pytest.raises(KeyboardInterrupt):
-            ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    break_off("warpsim.dataset.write_dataset._Dataset.finish", recipe, folder)
     (name,) = {Path(name).parent for name in read_json(folder / PARTS / "checkpoints" / "train-000001.json")["files"]}
     home = folder / name
     (folder / PARTS / "checkpoints" / "train-000001.json").unlink()

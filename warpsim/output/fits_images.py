@@ -114,9 +114,7 @@ def _header(cards: Sequence[Card]) -> bytes:
 
 
 def _stored_planes(planes: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return uint16 or float32 numbers as FITS stores them; InputError for others."""
-    if planes.dtype not in (np.dtype(np.uint16), np.dtype(np.float32)):
-        raise InputError("must be uint16 or float32", "dtype", planes.dtype)
+    """Return uint16 or float32 numbers as FITS stores them."""
     # 16-bit integers of FITS have a sign: 32768 is added by the reader.
     stored = planes ^ np.uint16(0x8000) if planes.dtype == np.uint16 else planes
     return stored.astype(stored.dtype.newbyteorder(">"))

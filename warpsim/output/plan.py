@@ -134,12 +134,22 @@ def make_plan(
             "not, --every-frame renders all the same",
             "frames",
         )
-    kinds = (scenario.instrument_of(sensor).sensor.detector for sensor in frames_of)
-    own = ("artifacts",) if any(map(has_artifacts, kinds)) else ()
+    kinds = [scenario.instrument_of(sensor).sensor for sensor in frames_of]
+    own = ("artifacts",) if any(has_artifacts(kind.detector) for kind in kinds) else ()
     tables = ("truth", *(("stars",) if stars else ()), *own)
     without = () if sensors is None else tuple(sensor for sensor in bands_of if sensor not in frames_of)
     bands_of = {sensor: bands_of[sensor] for sensor in frames_of}
-    identity = _identity(renderer, bands_of, frames_of, tables, tuple(chosen))
+    identity = {
+        "scene": scenario.scene.to_dict(),
+        "frames": frames_of,
+        "bands_of": bands_of,
+        "formats": list(chosen),
+        "tables": list(tables),
+        "inputs": input_checksums(scenario),
+        "catalogs": {name: renderer.catalog_of(name).checksum for name in dict.fromkeys(kind.name for kind in kinds)},
+        "processor": "cuda" if renderer.device.is_cuda else "cpu",
+        "warpsim": __version__,
+    }
     return RunPlan(scenario, bands_of, frames_of, identity, tables, chosen, without)
 
 
@@ -170,25 +180,3 @@ def _frame_numbers(renderer: Renderer, instrument: Instrument, frames: Sequence[
         raise InputError(f"must name at least one; the scene has 0 to {instrument.frames.count - 1}", "frames")
     # Frames of a cube and files of a run are written once each, however often they are named.
     return list(dict.fromkeys(numbers))
-
-
-def _identity(
-    renderer: Renderer,
-    bands_of: dict[str, list[str]],
-    frames_of: dict[str, list[int]],
-    tables: tuple[str, ...],
-    formats: tuple[str, ...],
-) -> dict[str, Any]:
-    scenario = renderer.scenario
-    kinds = dict.fromkeys(scenario.instrument_of(sensor).sensor.name for sensor in frames_of)
-    return {
-        "scene": scenario.scene.to_dict(),
-        "frames": frames_of,
-        "bands_of": bands_of,
-        "formats": list(formats),
-        "tables": list(tables),
-        "inputs": input_checksums(scenario),
-        "catalogs": {kind: renderer.catalog_of(kind).checksum for kind in kinds},
-        "processor": "cuda" if renderer.device.is_cuda else "cpu",
-        "warpsim": __version__,
-    }
