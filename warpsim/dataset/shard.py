@@ -9,7 +9,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -211,8 +211,7 @@ def write_shard(task: Task) -> CheckpointRecord:
         return output.move_in(shard.name, scratch, files, **facts)
 
 
-@dataclass(frozen=True)
-class _Work:
+class _Work(NamedTuple):
     """State that a worker keeps between shards of a run."""
 
     output: OutputFolder
@@ -221,12 +220,6 @@ class _Work:
     """Of the recipe's own scene; those of sequences share its stars."""
     inputs: dict[str, Stamp]
     """Stamps of all files that the recipe names, by path."""
-
-    def check_inputs(self) -> None:
-        """Raise InputError if a file was changed since."""
-        for path, stamp in self.inputs.items():
-            if stamp_of(path) != stamp:
-                raise InputError("was changed while the data set was written").of(path)
 
 
 @lru_cache(maxsize=1)
@@ -263,7 +256,9 @@ def _write_files(work: _Work, task: Task, scratch: Path) -> list[dict[str, Any]]
             if recipe.format not in SHARDED or number == shard.sequences[-1]:
                 _write_tables(recipe, shard, number, parts, scratch)
                 parts.clear()
-            work.check_inputs()  # sequences read them anew
+            for path, stamp in work.inputs.items():  # sequences read them anew
+                if stamp_of(path) != stamp:
+                    raise InputError("was changed while the data set was written").of(path)
             drawn.append(_sequence_record(recipe, sequence, shard))
         writer.finish()
     return drawn

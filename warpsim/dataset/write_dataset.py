@@ -32,11 +32,10 @@ from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of
 from warpsim.labels.coco import coco_categories, write_coco_parts
 from warpsim.labels.table import write_parquet
-from warpsim.output.grey import check_preview
+from warpsim.output.formats import FORMATS, PREVIEWS
 from warpsim.output.output_folder import CHECKPOINTS, MANIFEST, CheckpointRecord, OutputFolder
 from warpsim.output.summary import left_out_rows, response_facts
 from warpsim.output.wording import progress_bar
-from warpsim.output.zarr_array import check_zarr
 from warpsim.render.device import default_device, n_usable_cpu
 from warpsim.scene.scene import Scene
 
@@ -188,10 +187,8 @@ class _Dataset:
 
 def _check_packages(recipe: Recipe) -> None:
     """Check that the packages that write the files are installed, before the work."""
-    if recipe.preview:
-        check_preview(Path(f"preview.{recipe.preview}"))
-    if recipe.format == "zarr":
-        check_zarr()  # its version matters
+    for form in filter(None, (FORMATS.get(recipe.format), PREVIEWS.get(recipe.preview or ""))):
+        form.check()
     for package in writers_of(recipe):
         if importlib.util.find_spec(package) is None:
             raise InputError("pip install 'warpsim[datasets]'", f"data sets need {package}, which is not installed")

@@ -17,25 +17,10 @@ import numpy.typing as npt
 
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
+from warpsim.output import fits_images, zarr_array
 from warpsim.output.fits_header import Card, Views, image_cards, scene_cards
-from warpsim.output.fits_images import (
-    append_frames,
-    append_planes,
-    finish_cubes,
-    finish_planes,
-    read_frames,
-    read_planes,
-)
 from warpsim.output.grey import PREVIEW_FPS, PREVIEW_PX, animation, check_preview, grey, grey_shape
 from warpsim.output.image_files import facts_of, read_image, write_counts, write_signal
-from warpsim.output.zarr_array import (
-    append_counts,
-    check_zarr,
-    finish_array,
-    read_zarr_counts,
-    shard_frames,
-    zarr_names,
-)
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 
@@ -127,19 +112,20 @@ class _FitsCubes(Format):
     def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
         cards = scene_cards(images.scenario.scene, images.instrument, images.sensor, images.band)
         for name, values in planes.items():
-            append_planes(self.path(folder, images, name), values, len(images.frames), _cards_of_plane(cards, name))
+            path = self.path(folder, images, name)
+            fits_images.append_planes(path, values, len(images.frames), _cards_of_plane(cards, name))
 
     def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
         for name in PLANES:
             paths = [path for of_band in images if (path := self.path(folder, of_band, name)).exists()]
             if name == "counts":
-                finish_cubes(paths, images[0].scenario.scene, views)
+                fits_images.finish_cubes(paths, images[0].scenario.scene, views)
             else:
                 for path in paths:
-                    finish_planes(path)
+                    fits_images.finish_planes(path)
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
-        return read_planes(self.path(folder, images), frames)
+        return fits_images.read_planes(self.path(folder, images), frames)
 
 
 def _cards_of_plane(cards: list[Card], plane: str) -> list[Card]:
@@ -161,10 +147,10 @@ class _FitsFrames(Format):
         for name, values in planes.items():
             own = [_cards_of_plane(of_frame, name) for of_frame in every]
             path = self.path(folder, images, name)
-            append_frames(path, values, views.frames, own, _cards_of_plane(cards, name))
+            fits_images.append_frames(path, values, views.frames, own, _cards_of_plane(cards, name))
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
-        return read_frames(self.path(folder, images), frames)
+        return fits_images.read_frames(self.path(folder, images), frames)
 
 
 class ImageFiles(Format):
@@ -220,25 +206,25 @@ class _ZarrArrays(Format):
     ending = ".zarr"
 
     def check(self) -> None:
-        check_zarr()
+        zarr_array.check_zarr()
 
     def names(self, images: Images) -> list[str]:
-        return zarr_names(f"{images.stem}.zarr", images.shape)
+        return zarr_array.zarr_names(f"{images.stem}.zarr", images.shape)
 
     def n_together(self, images: Images) -> int:
-        return shard_frames(images.shape)
+        return zarr_array.shard_frames(images.shape)
 
     def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
         first = images.frames.index(views.frames[0])
-        append_counts(self.path(folder, images), images.shape, first, planes["counts"])
+        zarr_array.append_counts(self.path(folder, images), images.shape, first, planes["counts"])
 
     def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
         for of_band in images:
             facts = [facts_of(cards) for cards in image_cards(of_band.scenario.scene, of_band.band, views)]
-            finish_array(self.path(folder, of_band), of_band.shape, facts)
+            zarr_array.finish_array(self.path(folder, of_band), of_band.shape, facts)
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
-        return read_zarr_counts(self.path(folder, images), frames)
+        return zarr_array.read_zarr_counts(self.path(folder, images), frames)
 
 
 class Animations(Format):
