@@ -446,7 +446,7 @@ def test_the_hosts_twin_of_a_meeting(scene):
     commanded = met.scenario.instrument.commanded_axes(0, np.array([700.0, 710.0]))
     assert commanded.boresight_replaced.all()
     np.testing.assert_allclose(commanded.axes[0, 2], local_axes(scene, "sat11", 700.0)[0], rtol=0, atol=1e-9)
-    assert pointing_warning(met.scenario, {"sat11": [70, 71]}) == (
+    assert pointing_warning(met.scenario.instruments.values(), {"sat11": [70, 71]}) == (
         "2 views of 2 with no direction to track, the motion's is taken"
     )
 

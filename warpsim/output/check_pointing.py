@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from warpsim.output.check_views import FieldContents, count_replaced, field_contents, replaced_text
+from warpsim.output.check_views import FieldContents, field_contents, spread_views
 from warpsim.output.wording import counted
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.pointing import ALL, BodyPointing, FixedPointing, Pointing, SchedulePointing, TrackPointing
@@ -16,6 +16,9 @@ from warpsim.target.torque_free import Nutation, TorqueFreeMotion
 
 ROUGH_DEG = 0.1
 """An error from which on a report warns."""
+
+MOST_VIEWS_COUNTED = 1_000_000
+"""Views in which fallback axes are counted."""
 
 
 def target_attitude_lines(scenario: Scenario) -> list[str]:
@@ -52,10 +55,20 @@ def _attitude_lines(name: str, rows: AttitudeRows, duration_s: float) -> list[st
     return lines
 
 
-def pointing_warning(scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> str | None:
-    """Warning of fallback camera axes, counted over the frames of each sensor; None if there are none."""
-    counts = [count_replaced(instrument, frames_of) for instrument in scenario.instruments.values()]
-    return replaced_text(*(sum(column) for column in zip(*counts, strict=True)))
+def pointing_warning(instruments: Iterable[Instrument], frames_of: Mapping[str, Sequence[int]]) -> str | None:
+    """Return a warning of fallback camera axes, counted over the frames of each sensor; None if there are none."""
+    n_up = n_boresight = n_view = 0
+    for instrument in instruments:
+        for sensor, time_s in spread_views(instrument, frames_of, MOST_VIEWS_COUNTED):
+            commanded = instrument.commanded_axes(sensor, time_s)
+            n_up += int(commanded.up_replaced.sum())
+            n_boresight += int(commanded.boresight_replaced.sum())
+            n_view += len(time_s)
+    reasons = {
+        "with pointing.up along the line of sight, its fallback is up": n_up,
+        "with no direction to track, the motion's is taken": n_boresight,
+    }
+    return "; ".join(f"{counted(n, 'view')} of {n_view:,} {words}" for words, n in reasons.items() if n) or None
 
 
 def pointing_lines(
@@ -87,7 +100,7 @@ def pointing_lines(
     ]
     if found.slewing:
         lines.append(f"  note       the camera slews or settles in {found.slewing:,} of {n_view}")
-    warning = replaced_text(*count_replaced(instrument, frames_of))
+    warning = pointing_warning([instrument], frames_of)
     return lines if warning is None else [*lines, f"  warning    {warning}"]
 
 

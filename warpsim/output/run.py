@@ -133,7 +133,10 @@ def render_to_folder(
     output = OutputFolder(Path(folder), plan.identity)
     run = Run(plan, renderer, progress, sheet)
     output.write(run, overwrite)
-    warnings = [warn(renderer.scenario, plan.frames_of) for warn in (pointing_warning, earth_warning)]
+    warnings = [
+        pointing_warning(plan.scenario.instruments.values(), plan.frames_of),
+        earth_warning(plan.scenario, plan.frames_of),
+    ]
     return RunReport(
         output.path,
         len(plan.frames_of),
