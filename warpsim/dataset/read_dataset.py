@@ -58,6 +58,13 @@ def _columns(path: Path) -> Columns:
     return {name: np.asarray(table[name]) for name in table.colnames}
 
 
+def _manifest_of(folder: Path) -> dict[str, Any]:
+    manifest = read_json(folder / MANIFEST)
+    if not is_record(manifest) or not all(isinstance(manifest.get(name), dict) for name in ("recipe", "splits")):
+        raise InputError(f"holds no complete data set: {MANIFEST} of `warpsim dataset` is missing").of(folder)
+    return dict(manifest)
+
+
 class DatasetReader:
     """A complete data set.
 
@@ -72,9 +79,7 @@ class DatasetReader:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        manifest = read_json(folder / MANIFEST)
-        if not is_record(manifest) or not all(isinstance(manifest.get(name), dict) for name in ("recipe", "splits")):
-            raise InputError(f"holds no complete data set: {MANIFEST} of `warpsim dataset` is missing").of(folder)
+        manifest = _manifest_of(folder)
         self.key: str = manifest["key"]
         self.recipe: dict[str, Any] = manifest["recipe"]
         self.splits: dict[str, list[int]] = manifest["splits"]
@@ -192,10 +197,7 @@ def rebuild_sequence(folder: str | os.PathLike[str], number: int) -> Sequence:
         InputError: The folder holds no complete data set, no such sequence, or a file that it was made from is missing
             or was changed since.
     """
-    path = Path(folder) / MANIFEST
-    manifest = read_json(path)
-    if not is_record(manifest) or "recipe" not in manifest:
-        raise InputError("holds no complete data set, which has a manifest with a recipe").of(folder)
+    path, manifest = Path(folder) / MANIFEST, _manifest_of(Path(folder))
     with errors_at("", os.fspath(path)):
         recipe = Recipe.from_dict(manifest["recipe"])
         number = whole_number("number", number, 0)

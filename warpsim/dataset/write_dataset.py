@@ -122,7 +122,7 @@ def write_dataset(
 
 @dataclass
 class _Dataset:
-    """The work of a data set."""
+    """The work of a data set; a shard is some sequences."""
 
     recipe: Recipe
     device: str
@@ -132,18 +132,13 @@ class _Dataset:
     n_shard_written: int = 0
 
     @property
-    def shard_names(self) -> list[str]:
-        """Some sequences each."""
-        return [shard.name for shard in shards_of(self.recipe)]
-
-    @property
     def claimed_names(self) -> list[str]:
         """Top-level entries."""
         return [*self.recipe.ratios, ANNOTATIONS, SEQUENCES, MANIFEST]
 
     def records_of(self, folder: OutputFolder, manifest: dict[str, Any]) -> dict[str, CheckpointRecord]:
         """Return the records in the manifest."""
-        return {name: manifest["shards"][name] for name in self.shard_names if name in manifest.get("shards", {})}
+        return dict(manifest.get("shards", {}))
 
     def write_missing(self, folder: OutputFolder, records: dict[str, CheckpointRecord]) -> None:
         """Write the missing shards, and collect their records."""

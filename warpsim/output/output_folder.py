@@ -51,10 +51,6 @@ class Job(Protocol):
     """What is written into a folder."""
 
     @property
-    def shard_names(self) -> list[str]:
-        """All shards, in order."""
-
-    @property
     def claimed_names(self) -> list[str]:
         """Files and folders that must be the job's own, relative to the folder."""
 
@@ -195,7 +191,7 @@ class OutputFolder:
                 self._make_room(claimed, overwrite)
                 write_json({"key": self.key, "files": {}, **self.identity}, self.parts / RUN, lasting=True)
                 self._take_up_manifest(job)
-                yield self._checkpoints(job.shard_names)
+                yield self._checkpoints()
             except BaseException:
                 if not self._has_begun():
                     with contextlib.suppress(OSError):  # it must not hide the reason
@@ -272,10 +268,10 @@ class OutputFolder:
         self.plan_finish(manifest["files"])
         self.manifest_path.unlink()
 
-    def _checkpoints(self, shards: list[str]) -> dict[str, CheckpointRecord]:
+    def _checkpoints(self) -> dict[str, CheckpointRecord]:
         """Return the records of the shards whose files are there and undamaged."""
-        found = {name: read_json(self.checkpoint_path(name)) for name in shards}
-        found = {name: record for name, record in found.items() if has_key(record, self.key)}
+        records = map(read_json, self.parts.glob(f"{CHECKPOINTS}/*.json"))
+        found = {record["shard"]: record for record in records if has_key(record, self.key)}
         whole = which_match(self.path, {name: record["files"] for name, record in found.items()})
         return {name: record for name, record in found.items() if whole[name]}
 

@@ -163,11 +163,6 @@ class Run:
     """Time spent rendering."""
 
     @property
-    def shard_names(self) -> list[str]:
-        """The sensors."""
-        return list(self.plan.frames_of)
-
-    @property
     def claimed_names(self) -> list[str]:
         """All files, and the folders of arrays."""
         return self.plan.claimed_names
