@@ -16,13 +16,7 @@ from astropy.wcs import WCS
 import warpsim as ws
 from warpsim.output import grey as films
 from warpsim.output.grey import write_preview
-from warpsim.output.image_files import (
-    image_facts,
-    read_image,
-    write_counts,
-    write_fits_image,
-    write_signal,
-)
+from warpsim.output.image_files import image_facts, read_image, write_counts, write_fits_image, write_signal
 
 FRAME = 60
 PLACE_PX = 1e-6

@@ -63,11 +63,7 @@ def draw_contact_sheet(
     room = max(_LETTER_PX[0] * len(title), _LETTER_PX[1] * len(words))  # for words above a few tiles
     width = max(LEFT_PX + len(columns) * (TILE_PX + GAP_PX), 16 + min(room, _MOST_ROOM_PX))
     canvas = np.full((height, width, 3), _PAPER, dtype=np.uint8)
-    labels: list[Label] = [
-        (8, 20, title, 15, _INK),
-        (8, 38, words, 13, _FAINT),
-        (8, TOP_PX - 6, "t [s]", 13, _INK),
-    ]
+    labels: list[Label] = [(8, 20, title, 15, _INK), (8, 38, words, 13, _FAINT), (8, TOP_PX - 6, "t [s]", 13, _INK)]
     labels += [(_left(i), TOP_PX - 6, f"{time_s:.1f}", 13, _INK) for i, time_s in enumerate(columns)]
     for number, row in enumerate(rows):
         labels += _draw_row(canvas, TOP_PX + number * (TILE_PX + GAP_PX), row, columns, planes, places)

@@ -221,7 +221,7 @@ class OutputFolder:
             kind = "data set" if "recipe" in self.identity else "run"
             raise InputError(
                 f"holds a different {kind} ({differs or 'other inputs, device or versions'}); choose another folder or "
-                "pass --overwrite",
+                "pass --overwrite"
             ).of(self.path)
         self._check_foreign(claimed, {name for run in runs for name in _names(run)} | ({MANIFEST} if runs else set()))
         if not (runs or self._journals()):
