@@ -230,8 +230,8 @@ class Run:
         if has_maps(images[0].instrument.sensor.detector):
             write_maps(growing.path / maps_name(sensor), plan.scenario, sensor, plan.bands_of[sensor])
         parts = sorted(path.relative_to(growing.path).as_posix() for path in growing.path.rglob("*.fits"))
-        names = [*plan.image_names(sensor), *(name for name in parts if name.startswith(PARTS))]
-        record = folder.move_in(sensor, growing.path, names)
+        tables = [name for name in parts if name.startswith(PARTS)]  # first: images that are there have their truth
+        record = folder.move_in(sensor, growing.path, [*tables, *plan.image_names(sensor)])
         growing.remove()
         return record
 
