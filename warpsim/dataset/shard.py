@@ -250,7 +250,7 @@ def _write_files(work: _Work, task: Task, scratch: Path) -> list[dict[str, Any]]
                 rows = _rows(recipe, sequence, position, frames, writer.locate)
                 for name, table in rows.items():
                     parts[name].append(table)
-                writer.add(sequence, position, frames, planes_of(recipe, frames), rows["truth"])
+                writer.add(sequence, position, frames, planes_of(recipe, frames), rows)
                 if recipe.satnet:
                     write_satnet(frames, rows, scratch / folder_of(shard, number))
             if recipe.format not in SHARDED or number == shard.sequences[-1]:

@@ -24,13 +24,10 @@ from warpsim.dataset.layout import (
     Shard,
     dataset_provenance,
     folder_of,
-    image_id,
-    image_keys,
     split_of,
 )
 from warpsim.dataset.recipe import Recipe
 from warpsim.errors import InputError
-from warpsim.instant import utc_dates
 from warpsim.output.fits_header import Views
 from warpsim.output.formats import FORMATS, Animations, Format, ImageFiles, Images
 from warpsim.output.zarr_array import ARRAY
@@ -46,6 +43,9 @@ PREVIEW_FRAMES = 100
 
 Planes = dict[str, npt.NDArray[Any]]
 """By name (PLANES), with the axes (frame, sensor, band, ...) of a render call."""
+
+Rows = dict[str, "Table"]
+"""Of a render call, by table: images, truth, ..."""
 
 STORE = "images.zarr"
 CHUNK_BYTES = 2**18
@@ -122,7 +122,7 @@ class ShardWriter:
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
         self._recipe, self._shard, self._folder = recipe, shard, folder
 
-    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, rows: Rows) -> None:
         """Add further frames of the position-th sequence of the shard."""
         raise NotImplementedError
 
@@ -148,7 +148,7 @@ class _ZarrShard(ShardWriter):
         self._buffers: dict[str, Any] = {}
         self._first = shard.number * recipe.shard_size
 
-    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, rows: Rows) -> None:
         """Keep frames until a shard of an array is full."""
         if self._recipe.contributions and sequence.scenario.target_names != self._recipe.scenario.target_names:
             raise InputError(
@@ -221,7 +221,7 @@ class _SequenceFolders(ShardWriter):
         self._written: dict[str, tuple[list[Images], list[dict[str, Any]]]] = {}
         """Of each sensor of it: its images by band, and the views so far."""
 
-    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, rows: Rows) -> None:
         """Append frames to the files of each sensor and band."""
         if sequence.number != self._number:
             self.finish()
@@ -272,11 +272,9 @@ class _TarArchive(ShardWriter):
         path.parent.mkdir(parents=True, exist_ok=True)
         self._tar = tarfile.open(path, "w", format=tarfile.PAX_FORMAT)  # noqa: SIM115
 
-    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, rows: Rows) -> None:
         """Append the samples of frames."""
-        keys = image_keys(self._recipe, sequence, position, frames)
         words = provenance(sequence.scene) | {RECIPE_SEED: self._recipe.seed}
-        dates = utc_dates(sequence.scene.epoch_utc, frames.time_s)
         for f, number in enumerate(frames.frames):
             for s, sensor in enumerate(frames.sensors):
                 key = self._key(sequence.number, number, sensor)
@@ -284,25 +282,23 @@ class _TarArchive(ShardWriter):
                     data = io.BytesIO()
                     np.save(data, np.ascontiguousarray(values[f, s]))
                     self._append(f"{key}.npy" if name == "counts" else f"{key}.{name}.npy", data.getvalue())
-                rows = truth[(truth["frame"] == number) & (truth["sensor"] == sensor)]
-                own = [key for key in keys if key.frame == number and key.sensor == sensor]
-                known = self._label(own, rows) | {"time_s": float(frames.time_s[f]), "date_obs": str(dates[f])}
-                self._append(f"{key}.json", json.dumps(known | words).encode())
+                tables = (rows["images"], rows["truth"])
+                own = (table[(table["frame"] == number) & (table["sensor"] == sensor)] for table in tables)
+                self._append(f"{key}.json", json.dumps(self._label(*own) | words).encode())
 
-    def _label(self, keys: list[ImageKey], rows: Any) -> dict[str, Any]:
+    def _label(self, images: Table, truth: Table) -> dict[str, Any]:
         """Metadata of a sample: its images, band by band, and its targets in each."""
-        names = [name for name in rows.colnames if name not in ("frame", "sensor", "image_id", "sequence", "mask_rle")]
-        columns = [np.asarray(rows[name]).tolist() for name in names]
+        names = [name for name in truth.colnames if name not in ("frame", "sensor", "image_id", "sequence", "mask_rle")]
+        columns = [np.asarray(truth[name]).tolist() for name in names]
         targets = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
         for target in targets:  # JSON knows no NaN
             target |= {name: None for name, value in target.items() if value != value}
         return {
-            "sequence": keys[0].sequence,
-            "frame": keys[0].frame,
-            "sensor": keys[0].sensor,
-            "bands": [key.band for key in keys],
-            "image_ids": [image_id(self._recipe, key) for key in keys],
+            **{name: images[name].tolist()[0] for name in ("sequence", "frame", "sensor")},
+            "bands": images["band"].tolist(),
+            "image_ids": images["image_id"].tolist(),
             "targets": targets,
+            **{name: images[name].tolist()[0] for name in ("time_s", "date_obs")},
         }
 
     def _append(self, name: str, content: bytes) -> None:
