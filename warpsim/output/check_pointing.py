@@ -79,10 +79,10 @@ def pointing_lines(
 ) -> list[str]:
     """Return lines about the pointing of the cameras, and the contents of the views, or of some spread over them."""
     pointings = instrument.sensor.pointing
-    lines = [
-        f"  pointing   {_pointing_text(pointing)}{_where_text(pointing, number) if len(pointings) > 1 else ''}"
-        for number, pointing in enumerate(pointings)
-    ]
+    lines = []
+    for number, pointing in enumerate(pointings):
+        on = "all others" if number and ALL in pointing.on else ", ".join(pointing.on)
+        lines.append(f"  pointing   {_pointing_text(pointing)}{f'; on {on}' if len(pointings) > 1 else ''}")
     bodies_of = {own.attitude: None for own in instrument.program.sensors if own.attitude is not None}
     lines += [line for rows in bodies_of for line in _attitude_lines("body", rows, scenario.scene.duration_s)]
     found = field_contents(instrument, scenario.tracks, views)
@@ -102,10 +102,6 @@ def pointing_lines(
         lines.append(f"  note       the camera slews or settles in {found.slewing:,} of {n_view}")
     warning = pointing_warning([instrument], frames_of)
     return lines if warning is None else [*lines, f"  warning    {warning}"]
-
-
-def _where_text(pointing: Pointing, number: int) -> str:
-    return f"; on {'all others' if number and ALL in pointing.on else ', '.join(pointing.on)}"
 
 
 def _pointing_text(pointing: Pointing) -> str:

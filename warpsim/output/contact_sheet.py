@@ -56,7 +56,9 @@ def draw_contact_sheet(
         places: Where targets are; tiles then show the part of an image about them, with a tick above each. Whole
             images when left out.
     """
-    columns = _column_times_s(rows)
+    times_s = np.unique(np.concatenate([row.instrument.frame_time_s(row.frames) for row in rows]))
+    picks = np.linspace(0, len(times_s) - 1, min(N_COLUMN, len(times_s))).round().astype(int)
+    columns = times_s[np.unique(picks)].tolist()  # evenly spread over the frames that any sensor has
     height = TOP_PX + len(rows) * (TILE_PX + GAP_PX)
     title = f"{scene.name}   {_bands_text(rows)}   {scene.epoch_utc} UTC"
     words = f"white: {CEILING_NEI:g} NEI, asinh scale, times after the epoch   behind: {scene.background.summary}"
@@ -140,13 +142,6 @@ def grey_tile(counts: npt.NDArray[np.uint16], levels: Levels) -> npt.NDArray[np.
     shade = grey(counts, levels, TILE_PX)
     enlarge = max(1, TILE_PX // max(shade.shape))
     return np.repeat(np.repeat(shade, enlarge, axis=0), enlarge, axis=1)
-
-
-def _column_times_s(rows: Sequence[Images]) -> list[float]:
-    """Times of the columns: evenly spread over the frames that any sensor has."""
-    times = np.unique(np.concatenate([row.instrument.frame_time_s(row.frames) for row in rows]))
-    picks = np.linspace(0, len(times) - 1, min(N_COLUMN, len(times))).round().astype(int)
-    return [float(times[i]) for i in sorted(set(picks.tolist()))]
 
 
 def _nearest(time_s: npt.NDArray[np.float64], columns: Sequence[float]) -> dict[int, int]:
