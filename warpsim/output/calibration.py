@@ -83,9 +83,7 @@ def calibrate(
         for path in (*maps_of.values(), *(path for *_, files in plan for path, *_ in files)):
             check_new_file(path, (".fits",), overwrite)
     for sensor, chosen, _ in plan:
-        own = scenario.instrument_of(sensor).sensor
-        if own.detector.maps_file is not None:
-            read_maps(own.detector.maps_file, [sensor], chosen, list(own.bands), (own.camera.n_row, own.camera.n_col))
+        _check_own_maps(scenario, sensor, chosen)
     prepare_folder(home)
     written = []
     for sensor, chosen, files in plan:
@@ -96,6 +94,12 @@ def calibrate(
             _write_frames(path, scenario, sensor, band, kind, counts[:, 0], flat_level)
             written.append(path)
     return written
+
+
+def _check_own_maps(scenario: Scenario, sensor: str, bands: Sequence[str]) -> None:
+    own = scenario.instrument_of(sensor).sensor
+    if own.detector.maps_file is not None:
+        read_maps(own.detector.maps_file, [sensor], bands, list(own.bands), (own.camera.n_row, own.camera.n_col))
 
 
 def _cards(scenario: Scenario, sensor: str) -> dict[str, Any]:

@@ -133,10 +133,8 @@ def render_to_folder(
     output = OutputFolder(Path(folder), plan.identity)
     run = Run(plan, renderer, progress, sheet)
     output.write(run, overwrite)
-    warnings = [
-        pointing_warning(plan.scenario.instruments.values(), plan.frames_of),
-        earth_warning(plan.scenario, plan.frames_of),
-    ]
+    kinds = plan.scenario.instruments.values()
+    warnings = pointing_warning(kinds, plan.frames_of), earth_warning(plan.scenario, plan.frames_of)
     return RunReport(
         output.path,
         len(plan.frames_of),
