@@ -55,9 +55,7 @@ def left_out(report):
 @pytest.mark.parametrize("exclusion_deg", [0.0, 20.0, 60.0, 90.0])
 def test_sizes_of_what_is_left_out(scene, near_stars, changes, arcsec_per_px, exclusion_deg):
     described = scene.replace(
-        **changes,
-        access_rules__min_solar_exclusion_deg=exclusion_deg,
-        sky={"catalog": near_stars, "aberration": False},
+        **changes, access_rules__min_solar_exclusion_deg=exclusion_deg, sky={"catalog": near_stars, "aberration": False}
     )
     report = scene_report(described.scenario)
     assert f"{arcsec_per_px:.2f} arcsec per pixel" in line(report, "camera")
@@ -171,11 +169,7 @@ def test_light_and_heat_are_reported(scene):
     assert re.search(r"light      sun: kept: up to \S+ NEI", report)
     assert "exposure" not in report
     balance = {"kind": "heat_balance", "start_k": 300.0, "mass_kg": 10.0, "heat_capacity_j_kg_k": 900.0}
-    heated = scene.replace(
-        targets__0__temperature=balance,
-        detector__exposure_s=0.02,
-        lighting__albedo=False,
-    )
+    heated = scene.replace(targets__0__temperature=balance, detector__exposure_s=0.02, lighting__albedo=False)
     report = scene_report(heated.scenario)
     assert "light      albedo: off" in report
     assert re.search(r"exposure   0.02 s at \d+ instants, error \de-0\d", report)

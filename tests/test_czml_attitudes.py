@@ -9,8 +9,8 @@ from astropy.time import Time, TimeDelta
 
 import warpsim as ws
 from warpsim.orbit.earth import itrs_to_gcrs
-from warpsim.output import czml_attitudes, czml_curves
-from warpsim.output.czml_attitudes import ERROR_RAD, LONGEST_TURN_RAD, earth_rotation, sampled_attitude
+from warpsim.output import czml_targets
+from warpsim.output.czml_targets import ERROR_RAD, LONGEST_TURN_RAD, earth_rotation, sampled_attitude
 from warpsim.quaternion import conjugate, from_matrix, product, rotated, rotation_between_rad
 
 czml3 = pytest.importorskip("czml3")
@@ -191,7 +191,7 @@ def test_curves_of_late_targets_begin_with_them(scene, tmp_path):
 
 @pytest.mark.ci
 def test_curves_of_many_frames_have_some_of_them(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr(czml_curves, "MOST_FRAMES", 30)
+    monkeypatch.setattr(czml_targets, "MOST_FRAMES", 30)
     ws.write_czml(scene, tmp_path / "a.czml", curves="center")
     numbers = read(tmp_path / "a.czml")["center"]["properties"]["irradiance_w_cm2/sat11/A"]["number"]
     assert len(numbers) == 2 * 30 and set(np.diff(numbers[::2])) == {40.0}  # of 118 frames, 10 s apart
@@ -217,10 +217,10 @@ def test_too_much_is_refused_before_it_is_done(scene, tmp_path, monkeypatch):
         with pytest.raises(ws.InputError, match=r"^center: turns so fast, .* 2000000 samples: choose fewer") as caught:
             ws.write_czml(fast, tmp_path / "a.czml", attitudes="center")
         assert "\n" not in str(caught.value)
-    monkeypatch.setattr(czml_curves, "MOST_SAMPLES", 1000)
+    monkeypatch.setattr(czml_targets, "MOST_SAMPLES", 1000)
     with pytest.raises(ws.InputError, match=r"^curves: take \d+ samples, more than 1000: choose fewer targets$"):
         ws.write_czml(scene, tmp_path / "a.czml", curves="all")
-    monkeypatch.setattr(czml_attitudes, "MOST_SAMPLES", 60_000)
+    monkeypatch.setattr(czml_targets, "MOST_SAMPLES", 60_000)
     with pytest.raises(ws.InputError, match=r"^cone01: turns so fast"):
         ws.write_czml(scene, tmp_path / "a.czml", attitudes=["center", "cone01"])
     assert list(tmp_path.iterdir()) == []

@@ -19,7 +19,7 @@ import pytest
 
 import warpsim as ws
 from warpsim.orbit.earth import itrs_to_gcrs
-from warpsim.output.czml_attitudes import ERROR_RAD
+from warpsim.output.czml_targets import ERROR_RAD
 from warpsim.quaternion import conjugate, from_matrix, product, rotation_between_rad
 
 pytest.importorskip("czml3")

@@ -248,7 +248,7 @@ def test_sequences_of_changed_files_are_not_rebuilt(folders, tmp_path, monkeypat
             ws.rebuild_sequence(tmp_path / "data", number)
     with pytest.raises(ws.InputError, match="holds no complete data set"):
         ws.rebuild_sequence(tmp_path, 0)
-    monkeypatch.setattr("warpsim.dataset.rebuild.__version__", "99.0")
+    monkeypatch.setattr("warpsim.dataset.read_dataset.__version__", "99.0")
     with pytest.warns(UserWarning, match=r"written by warpsim .*, this is 99\.0: counts may differ"):
         ws.rebuild_sequence(tmp_path / "data", 0)
     write_fits_table(ws.StarCatalog.synthetic(400, seed=2).to_table(), catalog)

@@ -7,6 +7,7 @@ import os
 import random
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,10 +17,10 @@ from pathlib import Path
 import pytest
 
 import warpsim as ws
+from warpsim.cli import main
 from warpsim.dataset import execution, shard
-from warpsim.dataset.write_dataset import finish
 from warpsim.files import prepare_folder, read_json, write_fits_table
-from warpsim.output.output_folder import PARTS, OutputFolder
+from warpsim.output.output_folder import PARTS
 
 pytest.importorskip("pyarrow")
 
@@ -57,6 +58,18 @@ def whole(recipe, tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole") / "data"
     ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
     return folder
+
+
+def _broken_off(*arguments, **options):
+    raise KeyboardInterrupt
+
+
+def break_off(step, recipe, folder):
+    """Write a data set up to a step, a function by its whole name, and end there as a kill would."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(step, _broken_off)
+        with pytest.raises(KeyboardInterrupt):
+            ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
 
 
 def content(folder):
@@ -314,14 +327,8 @@ def test_a_lost_shard_of_an_array_is_made_again(zarr_recipe, zarr_whole, tmp_pat
     "step", ["_write_stores", "_write_annotations", "_write_sequences", "python_version", "sha256_of"]
 )
 @pytest.mark.ci
-def test_a_run_that_ends_in_its_last_steps_goes_on(zarr_recipe, zarr_whole, tmp_path, monkeypatch, step):
-    def broken_off(*arguments, **options):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(f"warpsim.dataset.write_dataset.{step}", broken_off)
-    with pytest.raises(KeyboardInterrupt):
-        ws.write_dataset(zarr_recipe, tmp_path / "data", n_worker=1, device="cpu")
-    monkeypatch.undo()
+def test_a_run_that_ends_in_its_last_steps_goes_on(zarr_recipe, zarr_whole, tmp_path, step):
+    break_off(f"warpsim.dataset.write_dataset.{step}", zarr_recipe, tmp_path / "data")
     assert ws.write_dataset(zarr_recipe, tmp_path / "data", n_worker=1, device="cpu").n_shard_written == 0
     assert content(tmp_path / "data") == content(zarr_whole)
 
@@ -329,16 +336,20 @@ def test_a_run_that_ends_in_its_last_steps_goes_on(zarr_recipe, zarr_whole, tmp_
 @pytest.mark.parametrize("format", ["fits", "zarr"])
 @pytest.mark.ci
 def test_what_a_killed_run_left_is_gone_once_another_replaces_it(recipe, tmp_path, monkeypatch, format):
-    """Killed after its files have got their names, before the checkpoint record."""
+    """Killed when a file has got its name, and others have not."""
     if format == "zarr":
         pytest.importorskip("zarr", minversion="3")
     given = recipe.to_dict() | {"format": format, "n_sequence": 3, "sequences_per_shard": 1}
     bright, faint = (ws.Recipe.from_dict(given | change) for change in ({}, {"least_nei": 1e9, "split": {"train": 1}}))
 
-    def broken_off(*arguments):
-        raise KeyboardInterrupt
+    mkdir = Path.mkdir
 
-    monkeypatch.setattr(OutputFolder, "write_record", broken_off)
+    def broken_off(path, *arguments, **options):
+        if path.is_relative_to(tmp_path / "data" / "train") and path.exists():
+            raise KeyboardInterrupt
+        mkdir(path, *arguments, **options)
+
+    monkeypatch.setattr(Path, "mkdir", broken_off)
     with pytest.raises(KeyboardInterrupt):
         ws.write_dataset(bright, tmp_path / "data", n_worker=1, device="cpu")
     monkeypatch.undo()
@@ -443,35 +454,25 @@ def test_few_tasks_wait_at_a_time(recipe, whole, tmp_path, monkeypatch):
     assert content(tmp_path / "data") == content(whole)
 
 
-def _broken_off(*arguments, **options):
-    raise KeyboardInterrupt
-
-
 @pytest.mark.parametrize("format", ["fits", "zarr"])
 @pytest.mark.ci
-def test_a_repair_that_is_killed_goes_on(recipe, whole, zarr_recipe, zarr_whole, tmp_path, monkeypatch, format):
+def test_a_repair_that_is_killed_goes_on(recipe, whole, zarr_recipe, zarr_whole, tmp_path, format):
     given, complete = (recipe, whole) if format == "fits" else (zarr_recipe, zarr_whole)
     folder = tmp_path / "data"
     shutil.copytree(complete, folder)
     next((folder / "train").rglob("truth.parquet" if format == "fits" else "*.truth.parquet")).unlink()
-    monkeypatch.setattr("warpsim.dataset.shard._write_files", _broken_off)
-    with pytest.raises(KeyboardInterrupt):
-        ws.write_dataset(given, folder, n_worker=1, device="cpu")
-    monkeypatch.undo()
+    break_off("warpsim.dataset.shard._write_files", given, folder)
     assert not (folder / "manifest.json").exists()
     assert ws.write_dataset(given, folder, n_worker=1, device="cpu").n_shard_written == 1
     assert content(folder) == content(complete)
 
 
 @pytest.mark.ci
-def test_a_run_killed_in_its_last_moment_is_tidied_up(recipe, whole, tmp_path, monkeypatch):
+def test_a_run_killed_in_its_last_moment_is_tidied_up(recipe, whole, tmp_path):
     folder = tmp_path / "data"
     shutil.copytree(whole, folder)
     (folder / "annotations" / "train.json").unlink()
-    monkeypatch.setattr("warpsim.output.output_folder.clear", _broken_off)
-    with pytest.raises(KeyboardInterrupt):
-        ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
-    monkeypatch.undo()
+    break_off("warpsim.output.output_folder.clear", recipe, folder)
     assert (folder / PARTS / "run.json").exists() and (folder / "manifest.json").exists()
     assert ws.write_dataset(recipe, folder, n_worker=1, device="cpu").n_shard_written == 0
     assert content(folder) == content(whole) and not (folder / PARTS).exists()
@@ -551,29 +552,22 @@ def test_kept_annotations_are_used_and_those_that_are_damaged_made_anew(recipe, 
     folder, made = tmp_path / "data", []
     texts = shard._texts
     monkeypatch.setattr(shard, "_texts", lambda *given: made.append(given) or texts(*given))
-    monkeypatch.setattr("warpsim.dataset.write_dataset.finish", _broken_off)
-    with pytest.raises(KeyboardInterrupt):
-        ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    break_off("warpsim.dataset.write_dataset._Dataset.finish", recipe, folder)
     assert len(made) == 8
     kept = folder / PARTS / "coco" / "train-000000.json"
     kept.write_text(kept.read_text().replace("0", "1", 1))
-    monkeypatch.setattr("warpsim.dataset.write_dataset.finish", finish)
     ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
     assert len(made) == 9
     assert content(folder) == content(whole)
 
 
 @pytest.mark.ci
-def test_a_file_of_somebody_in_a_folder_to_come_is_not_touched(recipe, tmp_path, monkeypatch):
+def test_a_file_of_somebody_in_a_folder_to_come_is_not_touched(recipe, tmp_path):
     folder = tmp_path / "data"
-    with monkeypatch.context() as patch:
-        patch.setattr("warpsim.dataset.write_dataset.finish", _broken_off)
-        with pytest.raises(KeyboardInterrupt):
-            ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    break_off("warpsim.dataset.write_dataset._Dataset.finish", recipe, folder)
     (name,) = {Path(name).parent for name in read_json(folder / PARTS / "checkpoints" / "train-000001.json")["files"]}
     home = folder / name
     (folder / PARTS / "checkpoints" / "train-000001.json").unlink()
-    (folder / PARTS / "planned" / "train-000001.json").unlink()
     (home / "truth.parquet").write_text("mine")
     with pytest.raises(ws.InputError, match=rf"{name}/.*: is there already, and warpsim did not write it"):
         ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
@@ -662,3 +656,79 @@ def _first_fails_others_take_long(task):
     if task.shard.number == 0 and task.shard.split == "train":
         raise ws.InputError("the reason")
     time.sleep(LONG_S)
+
+
+# --- Dask workers: the same bytes, and clear words when the scheduler is lost ---
+
+
+@pytest.fixture
+def address():
+    """Of a scheduler that is not there yet."""
+    pytest.importorskip("distributed")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"tcp://127.0.0.1:{free.getsockname()[1]}"
+
+
+@pytest.fixture
+def cluster(address, tmp_path, checkout_environment):
+    """A scheduler and two workers, each a process of its own: the scheduler's."""
+    run = {"env": checkout_environment, "cwd": tmp_path, "stderr": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
+    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--host", "127.0.0.1"]
+    scheduler = subprocess.Popen([*dask, "--port", address.rpartition(":")[2]], **run)
+    options = ["--nthreads", "1", "--nworkers", "2", "--no-dashboard", "--death-timeout", "10"]
+    workers = subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_worker", address, *options], **run)
+    yield scheduler
+    for process in (workers, scheduler):
+        process.terminate()
+        process.wait(TIMEOUT_S)
+
+
+@pytest.mark.slow
+def test_dask_workers_write_the_same_bytes(recipe, whole, tmp_path):
+    folder = tmp_path / "data"
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        report = ws.write_dataset(recipe, folder, client.get_executor(), device="cpu")
+    assert report.n_shard_written == 8
+    assert content(folder) == content(whole)
+
+
+@pytest.mark.slow
+def test_a_lost_scheduler_is_told_and_the_run_goes_on_without(
+    cluster, address, recipe, recipe_path, whole, tmp_path, checkout_environment
+):
+    folder = tmp_path / "data"
+    arguments = command(recipe_path, folder, "--scheduler", address)
+    process = subprocess.Popen(arguments, env=checkout_environment, stderr=subprocess.PIPE, text=True)
+    wait_for(lambda: busy_workers(folder), process)
+    cluster.kill()
+    _, words = process.communicate(timeout=TIMEOUT_S)
+    assert process.returncode == 1
+    assert "the same command goes on from here: workers were lost" in words.splitlines()[-1]
+    time.sleep(0.1)
+    ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
+    assert content(folder) == content(whole)
+
+
+@pytest.mark.slow
+def test_the_command_runs_on_a_cluster(cluster, address, recipe_path, whole, tmp_path, capsys):
+    folder = tmp_path / "data"
+    assert main(command(recipe_path, folder, "--scheduler", address)[3:]) == 0
+    assert content(folder) == content(whole)
+
+
+def test_no_scheduler_is_told(monkeypatch, address, recipe_path, tmp_path, capsys):
+    monkeypatch.setattr("warpsim.dataset.execution.CONNECT_TIMEOUT_S", 1)
+    assert main(command(recipe_path, tmp_path / "data", "--scheduler", address)[3:]) == 2
+    error = capsys.readouterr().err
+    assert f"--scheduler: must be the address of a Dask scheduler, got '{address}'" in error and error.count("\n") == 1
+    assert not (tmp_path / "data").exists()
+
+
+def test_workers_and_scheduler_exclude_each_other(recipe_path, tmp_path, capsys):
+    assert main(command(recipe_path, tmp_path / "data", "--scheduler", "tcp://x:1", "--workers", "2")[3:]) == 2
+    assert "--workers: must be left out with --scheduler" in capsys.readouterr().err

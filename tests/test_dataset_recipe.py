@@ -28,7 +28,7 @@ from warpsim.dataset.layout import (
     varied,
 )
 from warpsim.dataset.recipe import with_absolute_choices
-from warpsim.dataset.writers import TarArchive
+from warpsim.dataset.writers import _TarArchive
 from warpsim.files import write_fits_table
 from warpsim.output.output_folder import OutputFolder, difference
 
@@ -306,8 +306,8 @@ def test_shards_hold_sequences_of_one_split_each():
 
 
 def test_keys_of_archives_tell_sensors_apart():
-    assert len({TarArchive._key(0, 0, name) for name in ("s.11", "s-11", "s_11")}) == 3
-    assert "." not in TarArchive._key(0, 0, "s.11")
+    assert len({_TarArchive._key(0, 0, name) for name in ("s.11", "s-11", "s_11")}) == 3
+    assert "." not in _TarArchive._key(0, 0, "s.11")
 
 
 def test_images_have_numbers_of_their_own():

@@ -14,15 +14,9 @@ from astropy.io import fits
 from astropy.wcs import WCS
 
 import warpsim as ws
-from warpsim.output import preview
-from warpsim.output.image_files import (
-    image_facts,
-    read_image,
-    write_counts,
-    write_fits_image,
-    write_preview,
-    write_signal,
-)
+from warpsim.output import grey as films
+from warpsim.output.grey import write_preview
+from warpsim.output.image_files import image_facts, read_image, write_counts, write_fits_image, write_signal
 
 FRAME = 60
 PLACE_PX = 1e-6
@@ -41,31 +35,24 @@ def levels_of(scene):
 def every_kind_of_float():
     """Zeros of both signs, denormals, the smallest and largest, infinities, NaN, and random bits of all exponents."""
     bits = np.random.default_rng(3).integers(0, 2**32, (60, 90), dtype=np.uint64).astype(np.uint32)
-    special = [
-        0.0,
-        -0.0,
-        1e-45,
-        -1e-45,
-        1.1754942e-38,
-        1.1754944e-38,
-        3.4028235e38,
-        -3.4028235e38,
-        np.inf,
-        np.nan,
-        1e-15,
-    ]
+    ends = (1e-45, 1.1754942e-38, 1.1754944e-38, 3.4028235e38, np.inf)
+    special = [0.0, -0.0, *ends, *(-end for end in ends), np.nan, 1e-15]
     image = bits.view(np.float32)
     image[0, : len(special)] = special
     return image
 
 
-@pytest.mark.parametrize("suffix", COUNTS_FILES)
-def test_every_count_comes_back(tmp_path, suffix):
-    path = tmp_path / f"a.{suffix}"
-    write_counts(path, EVERY_COUNT, META)
-    counts, meta = read_image(path)
-    assert counts.dtype == np.uint16
-    np.testing.assert_array_equal(counts, EVERY_COUNT)
+@pytest.mark.parametrize(
+    ("write", "pixels", "suffix"),
+    [
+        *((write_counts, EVERY_COUNT, suffix) for suffix in COUNTS_FILES),
+        *((write_signal, every_kind_of_float(), suffix) for suffix in SIGNAL_FILES),
+    ],
+)
+def test_images_come_back_bit_for_bit(tmp_path, write, pixels, suffix):
+    write(tmp_path / f"a.{suffix}", pixels, META)
+    read, meta = read_image(tmp_path / f"a.{suffix}")
+    assert (read.dtype, read.shape, read.tobytes()) == (pixels.dtype, pixels.shape, pixels.tobytes())
     assert meta == META
 
 
@@ -87,16 +74,6 @@ def test_png_makes_no_claim_about_colours(tmp_path):
     write_counts(tmp_path / "a.png", EVERY_COUNT, META)
     written = (tmp_path / "a.png").read_bytes()
     assert not any(chunk in written for chunk in (b"sRGB", b"gAMA", b"cHRM", b"iCCP", b"tIME"))
-
-
-@pytest.mark.parametrize("suffix", SIGNAL_FILES)
-def test_signals_come_back_bit_for_bit(tmp_path, suffix):
-    path, signal = tmp_path / f"a.{suffix}", every_kind_of_float()
-    write_signal(path, signal, META)
-    read, meta = read_image(path)
-    assert read.dtype == np.float32
-    np.testing.assert_array_equal(read.view(np.uint32), signal.view(np.uint32))
-    assert meta == META
 
 
 def test_pillow_reads_the_same_floats(tmp_path):
@@ -337,7 +314,7 @@ WRITE_A_FILM = """
 import sys
 import numpy as np
 from warpsim.detector.levels import Levels
-from warpsim.output.image_files import write_preview
+from warpsim.output.grey import write_preview
 write_preview(sys.argv[2], np.load(sys.argv[1]), Levels(1e-15, 1e-12, float(sys.argv[3]), float(sys.argv[4])), 12.5)
 """
 
@@ -360,7 +337,7 @@ def test_films_do_not_depend_on_what_lay_in_memory(scene, tmp_path, checkout_env
 @pytest.mark.parametrize("name", ["a.gif", "a.mp4"])
 def test_large_images_are_reduced_by_their_brightest_pixels(scene, tmp_path, monkeypatch, name):
     pytest.importorskip("av") if name == "a.mp4" else None
-    monkeypatch.setattr(preview, "PREVIEW_PX", 20)
+    monkeypatch.setattr(films, "PREVIEW_PX", 20)
     counts, places = film(scene)  # 40 x 50 by blocks of 3: 14 x 17; MP4 has even sides
     write_preview(tmp_path / name, counts, levels_of(scene))
     grey, _ = pictures_of(tmp_path / name)
@@ -387,6 +364,58 @@ def test_films_that_cannot_be_made_are_named(scene, tmp_path, name, counts, fps,
 
 
 def test_mp4_says_which_extra_it_needs(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr(preview.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(films.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ws.InputError, match=r"needs PyAV, .* the extra `video` brings: pip install 'warpsim\[video\]'"):
         write_preview(tmp_path / "a.mp4", FILM, levels_of(scene))
+
+
+# --- CCDData: light, its errors against draws, and what stands beside it ---
+
+
+NEI = {"kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 3e-15, "counts_per_nei": 0.7}
+ELECTRONS = {
+    "kind": "electron", "exposure_s": 0.1, "full_well_e": 1e6, "gain_e_per_count": 16.0, "bits": 16, "dark_e_s": 1e4,
+    "read_noise_e": 60.0,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("detector", [NEI, ELECTRONS], ids=["nei", "electrons"])
+def test_errors_are_those_of_the_noise(detector):
+    """Light less the noiseless signal, over the stated errors, is unit normal; bright pixels have their shot noise."""
+    scene = ws.Scene.load("stss").replace(detector=detector, bands=["A"])
+    frames = ws.Renderer(scene).render(range(60, 100), sensors=["sat21"], keep_signal=True)
+    ratios, bright = [], []
+    for index, frame in enumerate(frames.frames):
+        image = ws.ccddata(frames, frame, "sat21", "A")
+        signal = frames.signal_w_cm2.numpy()[index, 0, 0].astype(float)
+        free = ~image.mask
+        error = (image.data - signal) / image.uncertainty.array
+        ratios.append(error[free])
+        bright.append(error[free & (signal > 30 * scene.scenario.instrument.nei_w_cm2("A"))])
+    ratios, bright = np.concatenate(ratios), np.concatenate(bright)
+    assert ratios.std() == pytest.approx(1.0, abs=5 / np.sqrt(2 * len(ratios)) + 0.003)
+    assert len(bright) > 50 and bright.std() == pytest.approx(1.0, abs=5 / np.sqrt(2 * len(bright)))
+    assert abs(ratios.mean()) < 5 / np.sqrt(len(ratios)) + 2e-3
+
+
+def test_what_stands_beside_an_image():
+    scene = ws.Scene.load("stss").replace(bands=["A", "C"])
+    frames = ws.Renderer(scene).render([60, 61], sensors=["sat11", "sat21"])
+    image = ws.ccddata(frames, 61, "sat21", "C")
+    assert image.unit == "W / cm2" and image.meta["SENSOR"] == "sat21" and image.meta["FRAME"] == 61
+    assert image.meta["FILTER"] == "C" and image.meta["DATE-OBS"].startswith("2025-01-01T14:10:10")
+    assert not image.mask.any()
+    sky, own = image.wcs.pixel_to_world(3.0, 90.0), frames.wcs(61, "sat21").pixel_to_world(3.0, 90.0)
+    assert sky.separation(own).arcsec == 0.0
+    counts = frames.counts.numpy()[1, 1, 1]
+    np.testing.assert_allclose(image.data, (counts - 100.0) / 5.0 * 1e-18, atol=1e-32)
+    with pytest.raises(ws.InputError, match="ccddata: frame 7"):
+        ws.ccddata(frames, 7, "sat21", "C")
+
+
+def test_full_pixels_are_masked():
+    scene = ws.Scene.load("stss").replace(detector=NEI | {"sei_w_cm2": 2e-17, "hot_fraction": 0.01}, bands=["A"])
+    frames = ws.Renderer(scene).render([60], sensors=["sat21"])
+    image = ws.ccddata(frames, 60, "sat21", "A")
+    assert image.mask.mean() == pytest.approx(0.01, abs=0.005)
+    assert (frames.counts.numpy()[0, 0, 0][image.mask] == frames.counts.numpy().max()).all()

@@ -142,9 +142,10 @@ def test_access_of_milliseconds_is_seen_and_told(scenarios):
 def test_words_of_a_sheet_of_one_tile_are_whole(scene, tmp_path):
     import OpenImageIO as oiio
 
-    from warpsim.output.contact_sheet import TOP_PX, SheetRow, draw_contact_sheet
+    from warpsim.output.contact_sheet import TOP_PX, draw_contact_sheet
+    from warpsim.output.formats import Images
 
-    rows = [SheetRow("sat11", scene.scenario.instrument, "A", [60])]
+    rows = [Images(scene.scenario, "sat11", "A", [60])]
     draw_contact_sheet(scene, rows, lambda *_: np.full((1, 128, 128), 100, np.uint16), tmp_path / "sheet.png")
     pixels = oiio.ImageBuf(str(tmp_path / "sheet.png")).get_pixels(oiio.UINT8)
     lit = np.flatnonzero((pixels[: TOP_PX - 18, :, 0] > 60).any(axis=0))

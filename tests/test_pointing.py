@@ -11,7 +11,8 @@ from on_devices import arrays_of_views, device_scene
 from scipy.spatial.transform import Rotation, Slerp
 
 import warpsim as ws
-from warpsim.output.check import pointing_warning, scene_report
+from warpsim.output.check import scene_report
+from warpsim.output.check_pointing import pointing_warning
 from warpsim.pool import Pool
 from warpsim.render.batch import new_batch
 from warpsim.render.pipelines import Pipelines
@@ -445,7 +446,7 @@ def test_the_hosts_twin_of_a_meeting(scene):
     commanded = met.scenario.instrument.commanded_axes(0, np.array([700.0, 710.0]))
     assert commanded.boresight_replaced.all()
     np.testing.assert_allclose(commanded.axes[0, 2], local_axes(scene, "sat11", 700.0)[0], rtol=0, atol=1e-9)
-    assert pointing_warning(met.scenario, {"sat11": [70, 71]}) == (
+    assert pointing_warning(met.scenario.instruments.values(), {"sat11": [70, 71]}) == (
         "2 views of 2 with no direction to track, the motion's is taken"
     )
 

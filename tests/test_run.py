@@ -22,8 +22,9 @@ import warpsim as ws
 from warpsim.cli import main
 from warpsim.files import sha256_of, whole_file
 from warpsim.optics.wcs import tan_keywords
-from warpsim.output import fits_cube, preview, wording, zarr_array
-from warpsim.output.fits_cube import read_cube
+from warpsim.output import fits_images, wording, zarr_array
+from warpsim.output import grey as films
+from warpsim.output.fits_images import read_cube
 from warpsim.output.growing import GrowingFiles
 from warpsim.output.image_files import read_image
 
@@ -76,15 +77,12 @@ def test_the_folder_holds_what_was_promised(folder):
     assert set(manifest["files"]) == expected - {"manifest.json"}
 
 
-def test_cubes_hold_the_renderers_counts(scene, folder):
-    frames = ws.Renderer(scene, device="cpu").render(range(60, 66), ["sat11", "sat47"], ["A", "E"])
-    for i, sensor in enumerate(frames.sensors):
-        for j, band in enumerate(frames.bands):
-            cube = read_cube(folder / f"{sensor}_{band}.fits")
-            np.testing.assert_array_equal(cube.counts, frames.counts.numpy()[:, i, j])
-            assert list(cube.frames["FRAME"]) == frames.frames
-            assert cube.header["SENSOR"] == sensor
-            assert cube.header["FILTER"] == band
+def test_cubes_hold_the_renderers_counts(folder, frames):
+    for stem, part in each_image(frames):
+        cube = read_cube(folder / f"{stem}.fits")
+        np.testing.assert_array_equal(cube.counts, frames.counts.numpy()[part])
+        assert list(cube.frames["FRAME"]) == frames.frames
+        assert f"{cube.header['SENSOR']}_{cube.header['FILTER']}" == stem
 
 
 def test_cubes_are_plain_fits_to_others(folder):
@@ -98,7 +96,7 @@ def test_cubes_are_plain_fits_to_others(folder):
 def test_tables_of_cubes_are_made_once_for_all_bands(scene, folder, tmp_path, monkeypatch):
     """Of a sensor; bytes of the files are those that astropy appends."""
     made = []
-    monkeypatch.setattr(fits_cube, "tan_keywords", lambda *given: made.append(1) or tan_keywords(*given))
+    monkeypatch.setattr(fits_images, "tan_keywords", lambda *given: made.append(1) or tan_keywords(*given))
     run(scene, tmp_path / "out")
     assert len(made) == 6 * 2  # frames and sensors
     for path in sorted((tmp_path / "out").glob("sat*.fits")):
@@ -128,10 +126,9 @@ def test_extensions_of_frames_have_counts_and_wcs(scene, tmp_path, distortion):
             np.testing.assert_allclose(back, xy_px, rtol=0, atol=1e-9)
 
 
-def test_wcs_of_each_plane_leads_from_sky_to_truth(scene, folder):
+def test_wcs_of_each_plane_leads_from_sky_to_truth(scene, folder, frames):
     """The main target is in the middle; a second renderer's axes give the same sky."""
     cube = read_cube(folder / "sat11_E.fits")
-    frames = ws.Renderer(scene, device="cpu").render(range(60, 66), ["sat11"], ["E"])
     for plane in range(6):
         sky = cube.wcs(plane).pixel_to_world_values(20.0, 100.0)
         x, y = frames.wcs(60 + plane, "sat11").world_to_pixel_values(*sky)
@@ -300,7 +297,6 @@ def test_counts_are_the_same_in_every_format(folder, frames):
 
     for stem, part in each_image(frames):
         counts, signal = frames.counts.numpy()[part], frames.signal_w_cm2.numpy()[part]
-        np.testing.assert_array_equal(ws.read_cube(folder / f"{stem}.fits").counts, counts)
         array = zarr.open_array(str(folder / f"{stem}.zarr"), mode="r")
         assert array.dtype == np.uint16
         np.testing.assert_array_equal(array[:], counts)
@@ -535,8 +531,8 @@ def test_a_run_that_fails_leaves_no_half_array(scene, tmp_path, monkeypatch):
     assert len(list(tmp_path.glob("*.zarr"))) == 4
 
 
-def broken_off_after(n_step, monkeypatch):
-    """End a run, as a kill would, when so many batches of frames are complete."""
+def broken_off_after(n_step, scene, path, **options):
+    """A run that is ended, as a kill would, when so many batches of frames are complete."""
     real, done = GrowingFiles.end_step, []
 
     def end_step(self, facts):
@@ -545,7 +541,10 @@ def broken_off_after(n_step, monkeypatch):
         done.append(facts)
         real(self, facts)
 
-    monkeypatch.setattr(GrowingFiles, "end_step", end_step)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(GrowingFiles, "end_step", end_step)
+        with pytest.raises(KeyboardInterrupt):
+            run(scene, path, **options)
 
 
 @pytest.mark.parametrize("n_step", [1, 4, 8])
@@ -555,10 +554,7 @@ def test_a_run_goes_on_in_the_middle_of_a_sensor(scene, folder, tmp_path, monkey
     monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)
     monkeypatch.setattr(zarr_array, "SHARD_BYTES", 1)
     options = {"formats": ("fits", "fits-frames", "png", "exr", "zarr"), "preview": "gif", "stars": True}
-    with monkeypatch.context() as patch:
-        broken_off_after(n_step, patch)
-        with pytest.raises(KeyboardInterrupt):
-            run(scene, tmp_path / "broken", **options)
+    broken_off_after(n_step, scene, tmp_path / "broken", **options)
     left = files_of(tmp_path / "broken")
     assert bool([name for name in left if name.endswith(".fits") and "sat11_A" in name and "parts" not in name]) == (
         n_step > 6
@@ -597,10 +593,7 @@ def test_frames_of_another_run_are_never_taken_up(scene, tmp_path, monkeypatch):
     """Even where the record of the run is lost."""
     other = scene.replace(seed=5)
     monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)
-    with monkeypatch.context() as patch:
-        broken_off_after(2, patch)
-        with pytest.raises(KeyboardInterrupt):
-            run(scene, tmp_path / "broken")
+    broken_off_after(2, scene, tmp_path / "broken")
     (tmp_path / "broken" / ".warpsim-parts" / "run.json").unlink()
     with pytest.raises(ws.InputError, match="holds a different run"):
         run(other, tmp_path / "broken")
@@ -610,11 +603,8 @@ def test_frames_of_another_run_are_never_taken_up(scene, tmp_path, monkeypatch):
 
 
 @pytest.mark.ci
-def test_a_run_that_completed_nothing_is_in_nobodys_way(scene, tmp_path, monkeypatch):
-    with monkeypatch.context() as patch:
-        broken_off_after(0, patch)
-        with pytest.raises(KeyboardInterrupt):
-            run(scene, tmp_path)
+def test_a_run_that_completed_nothing_is_in_nobodys_way(scene, tmp_path):
+    broken_off_after(0, scene, tmp_path)
     assert files_of(tmp_path) == {}
     assert run(scene.replace(seed=5), tmp_path, [60], ["sat11"], ["A"]).n_image_rendered == 1
 
@@ -638,10 +628,7 @@ def test_only_whole_frames_are_kept(scene, tmp_path, monkeypatch, damage, n_kept
     """What was written beyond the last whole frame is cut off; from the first damaged one on all is rendered again."""
     monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)
     options = {"formats": ("fits", "png")}
-    with monkeypatch.context() as patch:
-        broken_off_after(4, patch)
-        with pytest.raises(KeyboardInterrupt):
-            run(scene, tmp_path / "broken", **options)
+    broken_off_after(4, scene, tmp_path / "broken", **options)
     (growing,) = (tmp_path / "broken" / ".warpsim-parts" / "growing").glob("*/sat11")
     cube, image_bytes = growing / "files" / "sat11_A.fits", 2 * 128 * 128
     data = bytearray(cube.read_bytes())
@@ -671,10 +658,7 @@ def test_only_whole_frames_are_kept(scene, tmp_path, monkeypatch, damage, n_kept
 @pytest.mark.ci
 def test_another_run_does_not_replace_frames_that_are_complete_unless_told(scene, tmp_path, monkeypatch):
     monkeypatch.setattr("warpsim.output.run.COUNTS_BYTES_PER_CALL", 1)
-    with monkeypatch.context() as patch:
-        broken_off_after(2, patch)
-        with pytest.raises(KeyboardInterrupt):
-            run(scene, tmp_path)
+    broken_off_after(2, scene, tmp_path)
     with pytest.raises(ws.InputError, match=r"holds a different run \(scene.seed: 2024 there, 5 here\)"):
         run(scene.replace(seed=5), tmp_path)
     assert run(scene.replace(seed=5), tmp_path, overwrite=True).n_image_rendered == 24
@@ -699,7 +683,7 @@ def test_missing_packages_are_named(scene, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "zarr", None)
     with pytest.raises(ws.InputError, match=r"the extra `zarr` brings: pip install 'warpsim\[zarr\]'"):
         run(scene, tmp_path / "out", formats=["zarr"])
-    monkeypatch.setattr(preview.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(films.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ws.InputError, match=r"the extra `video` brings: pip install 'warpsim\[video\]'"):
         run(scene, tmp_path / "out", preview="mp4")
     assert not (tmp_path / "out").exists()

@@ -5,7 +5,8 @@ import pytest
 from scipy.special import erf
 
 import warpsim as ws
-from warpsim.output.contact_sheet import GAP_PX, LEFT_PX, TILE_PX, TOP_PX, SheetRow, draw_contact_sheet, grey_tile
+from warpsim.output.contact_sheet import GAP_PX, LEFT_PX, TILE_PX, TOP_PX, draw_contact_sheet, grey_tile
+from warpsim.output.formats import Images
 from warpsim.output.grey import window_about
 from warpsim.target.attitude import body_motion
 
@@ -120,14 +121,14 @@ def test_contact_sheet_shows_the_frames_it_says(scene, tmp_path):
     frames_of = {"sat11": list(range(40, 50)), "sat47": [44, 45]}
     base = {"sat11": 110, "sat47": 200}
 
-    def planes(sensor, frames):
-        images = np.stack([np.full((128, 128), base[sensor] + 2 * frame, dtype=np.uint16) for frame in frames])
+    def planes(row, frames):
+        images = np.stack([np.full((128, 128), base[row.sensor] + 2 * frame, dtype=np.uint16) for frame in frames])
         images[:, 30, 120] = 8000
         return images
 
     path = tmp_path / "sheet.png"
     instrument = scene.scenario.instrument
-    rows = [SheetRow(sensor, instrument, "A", frames) for sensor, frames in frames_of.items()]
+    rows = [Images(scene.scenario, sensor, "A", frames) for sensor, frames in frames_of.items()]
     draw_contact_sheet(scene, rows, planes, path)
     pixels = oiio.ImageBuf(str(path)).get_pixels(oiio.UINT8)
     for row, sensor in enumerate(frames_of):
@@ -135,7 +136,7 @@ def test_contact_sheet_shows_the_frames_it_says(scene, tmp_path):
             top, left = TOP_PX + row * (TILE_PX + GAP_PX), LEFT_PX + column * (TILE_PX + GAP_PX)
             seen = pixels[top + 100, left + 10, 0]
             if 40 + column in frames_of[sensor]:
-                expected = grey_tile(planes(sensor, [40 + column])[0], instrument.levels["A"])[0, 0]
+                expected = grey_tile(planes(rows[row], [40 + column])[0], instrument.levels["A"])[0, 0]
                 assert seen == expected, (sensor, column)
                 assert pixels[top + 30, left + 120, 0] == 255
                 assert np.count_nonzero(pixels[top + 20 : top + 128, left : left + 128, 0] == 255) == 1
@@ -149,7 +150,7 @@ def test_a_sheet_of_targets_shows_the_part_about_them_with_ticks(scene, tmp_path
     image = np.full((128, 128), 100, dtype=np.uint16)
     image[70, 61] = image[70, 81] = 8000
     xy_px = np.array([(61.0, 70.0), (81.0, 70.0), (400.0, 2.0)])  # the last is outside
-    rows = [SheetRow("sat11", scene.scenario.instrument, "A", [60])]
+    rows = [Images(scene.scenario, "sat11", "A", [60])]
     path = tmp_path / "sheet.png"
     draw_contact_sheet(scene, rows, lambda *_: image[None], path, lambda *_: [xy_px])
     assert window_about(xy_px, image.shape) == (slice(52, 89), slice(53, 90))

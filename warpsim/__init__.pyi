@@ -132,14 +132,14 @@ from warpsim.radiometry.bands import bands as bands
 # files
 from warpsim.output.run import render_to_folder as render_to_folder
 from warpsim.output.calibration import calibrate as calibrate
-from warpsim.output.ccddata import ccddata as ccddata
-from warpsim.output.fits_cube import read_cube as read_cube
+from warpsim.output.image_files import ccddata as ccddata
+from warpsim.output.fits_images import read_cube as read_cube
 from warpsim.output.image_files import read_image as read_image
 from warpsim.output.image_files import image_facts as image_facts
 from warpsim.output.image_files import write_counts as write_counts
 from warpsim.output.image_files import write_signal as write_signal
 from warpsim.output.image_files import write_fits_image as write_fits_image
-from warpsim.output.preview import write_preview as write_preview
+from warpsim.output.grey import write_preview as write_preview
 from warpsim.output.czml import write_czml as write_czml
 from warpsim.output.catalogs import write_catalog as write_catalog
 from warpsim.exchange.read_files import read_ephemeris as read_ephemeris
@@ -156,7 +156,7 @@ from warpsim.exchange.tdm import write_tdm as write_tdm
 from warpsim.dataset.write_dataset import write_dataset as write_dataset
 from warpsim.dataset.recipe import Recipe as Recipe
 from warpsim.dataset.write_dataset import DatasetReport as DatasetReport
-from warpsim.dataset.rebuild import rebuild_sequence as rebuild_sequence
+from warpsim.dataset.read_dataset import rebuild_sequence as rebuild_sequence
 from warpsim.dataset.export import export_dataset as export_dataset
 from warpsim.dataset.export import ExportReport as ExportReport
 

@@ -62,7 +62,9 @@ def _run_in_pools(tasks: Sequence[Task], n_worker: int, done: Callable[[Checkpoi
             del left[record["shard"]]
             done(record)
 
-        pool = _pool(min(n_worker, len(left)))
+        # Fresh processes: Warp and its threads do not live on in forked ones.
+        spawn = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(min(n_worker, len(left)), spawn, _begin_worker)
         try:
             _collect(pool, list(left.values()), keep, is_own=True)
             pool.shutdown()
@@ -114,11 +116,6 @@ def _naming_losses(everything: bool = False) -> Iterator[None]:
         if not (everything or of_executor):
             raise
         raise WorkersLostError(f"workers were lost: {type(error).__name__}: {error}".removesuffix(": ")) from error
-
-
-def _pool(n_worker: int) -> ProcessPoolExecutor:
-    """Fresh processes: Warp and its threads do not live on in forked ones."""
-    return ProcessPoolExecutor(n_worker, multiprocessing.get_context("spawn"), _begin_worker)
 
 
 def _end(pool: ProcessPoolExecutor) -> None:

@@ -125,11 +125,7 @@ def _add(layout: Layout, picture: Picture, grey: Grey) -> npt.NDArray[np.int64]:
 
 
 def _facts(
-    reader: DatasetReader,
-    format: str,
-    channels: str | None,
-    bands: Sequence[str] | None,
-    classes: Sequence[str] | None,
+    reader: DatasetReader, format: str, channels: str | None, bands: Sequence[str] | None, classes: Sequence[str] | None
 ) -> dict[str, Any]:
     """What is to be said of an export; InputError where it asks for what cannot be."""
     if format not in LAYOUTS:

@@ -13,8 +13,8 @@ SPLIT/000003.tar, SPLIT/images.zarr   formats that put several sequences into on
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,8 +22,7 @@ import numpy as np
 from warpsim.dataset.crossings import crossing_changes
 from warpsim.dataset.recipe import SHARDED, Recipe, choices_with_files, drawn_words
 from warpsim.errors import InputError, errors_at
-from warpsim.output.manifest import package_versions
-from warpsim.output.output_folder import MANIFEST
+from warpsim.output.summary import package_versions
 from warpsim.render.frameset import FrameSet
 from warpsim.render.stars import catalog_checksums
 from warpsim.scene.environment import BUILT_IN_CATALOGS
@@ -76,8 +75,7 @@ def draw_sequence(recipe: Recipe, number: int) -> Sequence:
     for attempt in range(MOST_ATTEMPTS):
         values = drawn_values(recipe, number, attempt)
         scene = varied(recipe, values, f"sequence {number}", **_of_sequence(recipe, number))
-        clips = _any_time(recipe, scene) if recipe.every_frame else _clips(recipe, scene)
-        if clips:
+        if clips := _clips(recipe, scene):
             start_s, sensors = _chosen_clip(recipe, clips, number, attempt)
             frames = {"count": recipe.n_frame, "interval_s": recipe.step_s, "start_s": start_s}
             time_s = np.minimum(start_s + np.linspace(0.0, recipe.clip_s, recipe.n_frame), scene.duration_s)
@@ -95,7 +93,8 @@ def draw_sequence(recipe: Recipe, number: int) -> Sequence:
 
 def _of_sequence(recipe: Recipe, number: int) -> dict[str, Any]:
     """Fields of the scene of a sequence that the recipe sets: seeds, bands, and the same frames for all sensors."""
-    fields: dict[str, Any] = {"seed": _seed(recipe, number), "noise_seed": None}
+    seed = int(uniforms(recipe.seed, "dataset seed", number, 1)[0] * 2**53)
+    fields: dict[str, Any] = {"seed": seed, "noise_seed": None}
     for index, (name, instrument) in enumerate(recipe.scenario.instruments.items()):
         fields[f"sensors__{index}__frames"] = None
         if name in recipe.instruments:
@@ -144,20 +143,14 @@ def split_of(recipe: Recipe) -> dict[str, list[int]]:
     }
 
 
-def _seed(recipe: Recipe, number: int) -> int:
-    """The seed of a sequence's noise and of all that its scene draws."""
-    return int(uniforms(recipe.seed, "dataset seed", number, 1)[0] * 2**53)
-
-
-def _any_time(recipe: Recipe, scene: Scene) -> list[tuple[float, float, list[str]]]:
-    """The whole scene, with all sensors; nothing where a drawn constellation has too few."""
-    pool = recipe.pool_of(scene.scenario)
-    return [(0.0, scene.duration_s - recipe.clip_s, pool)] if len(pool) >= recipe.n_sensor else []
-
-
 def _clips(recipe: Recipe, scene: Scene) -> list[tuple[float, float, list[str]]]:
-    """Earliest and latest start of sequences that the same sensors see whole, and these sensors; enough of them."""
+    """Earliest and latest start of sequences that the same sensors see whole, and these sensors; enough of them.
+
+    Where access plays no part these are the whole scene and all sensors; none where a drawn constellation has too few.
+    """
     pool = recipe.pool_of(scene.scenario)
+    if recipe.every_frame:
+        return [(0.0, scene.duration_s - recipe.clip_s, pool)] if len(pool) >= recipe.n_sensor else []
     seen = [
         (instrument.names[sensor], float(start_s), float(end_s - recipe.clip_s))
         for instrument in scene.scenario.instruments.values()
@@ -287,20 +280,13 @@ def dataset_provenance(recipe: Recipe) -> dict[str, Any]:
     return words | {RECIPE_SEED: recipe.seed}
 
 
-def top_names(recipe: Recipe) -> list[str]:
-    """Names of the top-level entries of a data set."""
-    return [*recipe.ratios, ANNOTATIONS, SEQUENCES, MANIFEST]
-
-
 STAR_CATALOG = "star catalog"
 """Among the inputs: the scene's, whether it came from a file or not; of each kind of sensor with stars of its own."""
-
-Identity = dict[str, Any]
 
 Stamp = tuple[int, int] | None
 
 
-def identity_of(recipe: Recipe, device: str) -> Identity:
+def identity_of(recipe: Recipe, device: str) -> dict[str, Any]:
     """Return all inputs that the bytes of a data set depend on, as plain values for its manifest; any GPU is "cuda"."""
     return {
         "recipe": recipe.to_dict(),
@@ -332,7 +318,7 @@ def input_files(recipe: Recipe) -> list[str]:
 def stamp_of(path: str) -> Stamp:
     """Return a stamp of a file that changes with its content; None where it is missing."""
     try:
-        stat = os.stat(path)  # noqa: PTH116
+        stat = Path(path).stat()
     except OSError:
         return None
     return stat.st_mtime_ns, stat.st_size

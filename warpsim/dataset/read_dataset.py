@@ -1,11 +1,13 @@
-"""Reader of finished data sets of any format: rows of their images, labels of each, and counts."""
+"""Finished data sets of any format read back: rows of images, labels of each, counts, and sequences as drawn."""
 
 from __future__ import annotations
 
 import io
 import json
+import os
 import re
 import tarfile
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -14,7 +16,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.errors import InputError, printable
+from warpsim.arguments import whole_number
+from warpsim.dataset.layout import Sequence, draw_sequence, input_checksums_of
+from warpsim.dataset.recipe import Recipe
+from warpsim.errors import InputError, errors_at, printable
 from warpsim.files import read_json
 from warpsim.labels.coco import coco_categories
 from warpsim.labels.table import read_parquet
@@ -23,6 +28,7 @@ from warpsim.output.image_files import read_image
 from warpsim.output.output_folder import MANIFEST
 from warpsim.output.zarr_array import check_zarr
 from warpsim.scene.scene import Scene
+from warpsim.version import __version__
 
 if TYPE_CHECKING:
     from typing import Self
@@ -52,6 +58,13 @@ def _columns(path: Path) -> Columns:
     return {name: np.asarray(table[name]) for name in table.colnames}
 
 
+def _manifest_of(folder: Path) -> dict[str, Any]:
+    manifest = read_json(folder / MANIFEST)
+    if not is_record(manifest) or not all(isinstance(manifest.get(name), dict) for name in ("recipe", "splits")):
+        raise InputError(f"holds no complete data set: {MANIFEST} of `warpsim dataset` is missing").of(folder)
+    return dict(manifest)
+
+
 class DatasetReader:
     """A complete data set.
 
@@ -66,9 +79,7 @@ class DatasetReader:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        manifest = read_json(folder / MANIFEST)
-        if not is_record(manifest) or not all(isinstance(manifest.get(name), dict) for name in ("recipe", "splits")):
-            raise InputError(f"holds no complete data set: {MANIFEST} of `warpsim dataset` is missing").of(folder)
+        manifest = _manifest_of(folder)
         self.key: str = manifest["key"]
         self.recipe: dict[str, Any] = manifest["recipe"]
         self.splits: dict[str, list[int]] = manifest["splits"]
@@ -164,3 +175,41 @@ def _tar_reader(path: Path) -> _File:
         return np.asarray(bands_of(member)[int(band)])
 
     return _File(read, tar.close)
+
+
+def rebuild_sequence(folder: str | os.PathLike[str], number: int) -> Sequence:
+    """Return a sequence of a data set as it was drawn: its scene, sensors and drawn values.
+
+    `ws.Renderer(sequence.scene).render(range(n_frame), sequence.sensors)` gives the counts of the files, bit for bit,
+    on the same kind of device with the same versions. Sensors of several kinds are rendered kind by kind
+    (`sequence.by_kind`).
+
+    Args:
+        folder: Folder of a complete data set.
+        number: Number of the sequence, as in `sequences.parquet`.
+
+    Returns:
+        The sequence: `scene` (with the drawn values, a seed of its own, and frames 0 to n_frame - 1), `scenario`,
+        `sensors`, `by_kind`, `values` by field, `attempt`, `number`. A warning says if it was written by another
+        version.
+
+    Raises:
+        InputError: The folder holds no complete data set, no such sequence, or a file that it was made from is missing
+            or was changed since.
+    """
+    path, manifest = Path(folder) / MANIFEST, _manifest_of(Path(folder))
+    with errors_at("", os.fspath(path)):
+        recipe = Recipe.from_dict(manifest["recipe"])
+        number = whole_number("number", number, 0)
+        if number >= recipe.n_sequence:
+            raise InputError(f"must be below {recipe.n_sequence:,}, the sequences there are", "number", number)
+        inputs = input_checksums_of(recipe)
+        for name, checksum in manifest.get("inputs", {}).items():
+            if inputs.get(name) != checksum:
+                raise InputError(f"{name} was changed since the data set was written")
+    if manifest.get("warpsim") != __version__:
+        warnings.warn(
+            f"{path}: written by warpsim {manifest.get('warpsim')}, this is {__version__}: counts may differ",
+            stacklevel=2,
+        )
+    return draw_sequence(recipe, number)

@@ -237,10 +237,9 @@ class Recipe:
             raise InputError(f"must be at most {len(pool)}, the sensors to draw from", "n_sensor", self.n_sensor)
         if self.clip_s > self.scene.duration_s:
             raise InputError(f"must fit into duration_s = {self.scene.duration_s:g}, take {self.clip_s:g} s", "n_frame")
-        if self.format in SHARDED and self.preview:
-            raise InputError("needs a format with a folder for each sequence", "preview", self.format)
-        if self.format in SHARDED and self.satnet:
-            raise InputError("needs a format with a folder for each sequence", "satnet", self.format)
+        for what in ("preview", "satnet"):
+            if self.format in SHARDED and getattr(self, what):
+                raise InputError("needs a format with a folder for each sequence", what, self.format)
         if self.format == "zarr" and len(self.instruments) > 1:
             rule = f"images of one Zarr array must be of one kind of sensor ({', '.join(self.instruments)})"
             raise InputError(f"{rule}; name one, or choose another format", "sensors")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -37,9 +39,8 @@ from warpsim.instant import utc_dates
 from warpsim.labels.coco import BETWEEN, coco_categories, coco_texts, satnet_record
 from warpsim.labels.table import label_table, write_parquet
 from warpsim.optics.wcs import lens_keywords, tan_keywords
-from warpsim.output.joined_tables import joined_tables
-from warpsim.output.manifest import left_out_rows
-from warpsim.output.output_folder import PARTS, RUN, CheckpointRecord, OutputFolder, difference
+from warpsim.output.output_folder import PARTS, CheckpointRecord, OutputFolder, current_record, difference
+from warpsim.output.summary import joined_tables, left_out_rows
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 from warpsim.render.states import STATE_NAMES, STATE_UNITS, sensor_states
@@ -59,99 +60,70 @@ IMAGE_UNITS = {
 }
 
 
-class _ShardTables:
-    """Collects the rows of a shard and writes them: by sequence, or, in sharded formats, all at once.
+Locate = Callable[[Sequence, ImageKey], tuple[str, str]]
+"""File and item of an image."""
 
-    The folder to write to mirrors the data set's; `locate` gives file and item of the image of a key.
-    """
 
-    def __init__(
-        self, recipe: Recipe, shard: Shard, folder: Path, locate: Callable[[Sequence, ImageKey], tuple[str, str]]
-    ) -> None:
-        self._recipe, self._shard, self._folder, self._locate = recipe, shard, folder, locate
-        self._parts: dict[str, list[Table]] = {}
+def _rows(recipe: Recipe, sequence: Sequence, position: int, frames: FrameSet, locate: Locate) -> dict[str, Table]:
+    keys = image_keys(recipe, sequence, position, frames)
+    ids = np.array([image_id(recipe, key) for key in keys], dtype=np.int64)
+    truth = label_table(frames, recipe.least_nei, recipe.masks, recipe.least_box_px)
+    rows = {"images": _image_table(sequence, frames, keys, locate), "truth": truth}
+    _put_keys_first(rows["images"], ids, sequence.number)
+    _put_keys_first(truth, np.repeat(ids, len(sequence.scenario.targets)), sequence.number)
+    if recipe.stars:
+        rows["stars"] = frames.stars
+        rows["stars"].add_column(np.full(len(frames.stars), sequence.number), index=0, name="sequence")
+    if recipe.artifacts:
+        rows["artifacts"] = frames.artifacts
+        id_of = {(key.frame, key.sensor, key.band): number for key, number in zip(keys, ids.tolist(), strict=True)}
+        found = zip(*(rows["artifacts"][name].tolist() for name in ("frame", "sensor", "band")), strict=True)
+        _put_keys_first(rows["artifacts"], np.array([id_of[key] for key in found], dtype=np.int64), sequence.number)
+    return rows
 
-    def add(self, sequence: Sequence, position: int, frames: FrameSet) -> dict[str, Table]:
-        """Add the rows of a render call; return them by table."""
-        keys = image_keys(self._recipe, sequence, position, frames)
-        ids = np.array([image_id(self._recipe, key) for key in keys], dtype=np.int64)
-        truth = label_table(frames, self._recipe.least_nei, self._recipe.masks, self._recipe.least_box_px)
-        n_target = len(sequence.scenario.targets)
-        _put_keys_first(truth, np.repeat(ids, n_target), sequence.number)
-        rows = {"images": self._images(sequence, frames, keys, ids), "truth": truth}
-        if self._recipe.stars:
-            rows["stars"] = frames.stars
-            rows["stars"].add_column(np.full(len(frames.stars), sequence.number), index=0, name="sequence")
-        if self._recipe.artifacts:
-            rows["artifacts"] = frames.artifacts
-            id_of = {(key.frame, key.sensor, key.band): number for key, number in zip(keys, ids.tolist(), strict=True)}
-            found = zip(*(rows["artifacts"][name].tolist() for name in ("frame", "sensor", "band")), strict=True)
-            _put_keys_first(rows["artifacts"], np.array([id_of[key] for key in found], dtype=np.int64), sequence.number)
-        for name, table in rows.items():
-            self._parts.setdefault(name, []).append(table)
-        return rows
 
-    def _images(self, sequence: Sequence, frames: FrameSet, keys: list[ImageKey], ids: Any) -> Table:
-        """One row per image: file, time, sensor, band and WCS."""
-        from astropy.table import Table
+def _image_table(sequence: Sequence, frames: FrameSet, keys: list[ImageKey], locate: Locate) -> Table:
+    """One row per image: file, time, sensor, band and WCS."""
+    from astropy.table import Table
 
-        instrument = frames.instrument
-        camera = instrument.sensor.camera
-        locations = [self._locate(sequence, key) for key in keys]
-        lens = lens_keywords(camera)
-        axes = frames.axes_icrs
-        n_band = len(frames.bands)
-        wcs = [json.dumps(tan_keywords(axes[f, s], camera) | lens) for f, s in np.ndindex(axes.shape[:2])]
-        dates = utc_dates(sequence.scene.epoch_utc, frames.time_s)
-        n_view = len(wcs)
-        levels = [instrument.levels[key.band] for key in keys]
-        table = Table(
-            {
-                "file": [file for file, _ in locations],
-                "item": [item for _, item in locations],
-                "frame": np.array([key.frame for key in keys], dtype=np.int64),
-                "time_s": np.repeat(frames.time_s, len(keys) // len(frames.frames)),
-                "date_obs": np.repeat(dates, len(keys) // len(frames.frames)),
-                "sensor": [key.sensor for key in keys],
-                "band": [key.band for key in keys],
-                "width": np.full(len(keys), camera.n_col, dtype=np.int32),
-                "height": np.full(len(keys), camera.n_row, dtype=np.int32),
-                "nei_w_cm2": [level.nei_w_cm2 for level in levels],
-                "sei_w_cm2": [level.sei_w_cm2 for level in levels],
-                "blank_counts": [float(level.blank_counts) for level in levels],
-                "counts_per_nei": [float(level.counts_per_nei) for level in levels],
-                "wcs": np.repeat(np.array(wcs, dtype=object), n_band) if n_view else [],
-            }
-        )
-        states = [sensor_states(instrument, name, frames.time_s, axes[:, s]) for s, name in enumerate(frames.sensors)]
-        for number, name in enumerate(STATE_NAMES):
-            table[f"sensor_{name}"] = np.repeat(np.stack([state[:, number] for state in states], axis=1), n_band)
-        for name, unit in IMAGE_UNITS.items():
-            table[name].unit = unit
-        table.meta |= provenance(sequence.scene)
-        _put_keys_first(table, ids, sequence.number)
-        return table
-
-    def end_sequence(self, sequence: Sequence) -> None:
-        """Write the tables of a sequence, unless those of the whole shard are one."""
-        if self._recipe.format not in SHARDED:
-            self._write(sequence.number)
-
-    def close(self) -> None:
-        """Write what is left."""
-        if self._parts:
-            self._write(self._shard.sequences[0])
-
-    def _write(self, sequence: int) -> None:
-        for name, parts in self._parts.items():
-            path = self._folder / table_path(self._recipe, self._shard, sequence, name)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_parquet(joined_tables(parts), path, {"table": name, **dataset_provenance(self._recipe)})
-        self._parts = {}
+    instrument = frames.instrument
+    camera = instrument.sensor.camera
+    locations = [locate(sequence, key) for key in keys]
+    lens = lens_keywords(camera)
+    axes = frames.axes_icrs
+    n_band = len(frames.bands)
+    wcs = [json.dumps(tan_keywords(axes[f, s], camera) | lens) for f, s in np.ndindex(axes.shape[:2])]
+    dates = utc_dates(sequence.scene.epoch_utc, frames.time_s)
+    n_view = len(wcs)
+    levels = [instrument.levels[key.band] for key in keys]
+    table = Table(
+        {
+            "file": [file for file, _ in locations],
+            "item": [item for _, item in locations],
+            "frame": np.array([key.frame for key in keys], dtype=np.int64),
+            "time_s": np.repeat(frames.time_s, len(keys) // len(frames.frames)),
+            "date_obs": np.repeat(dates, len(keys) // len(frames.frames)),
+            "sensor": [key.sensor for key in keys],
+            "band": [key.band for key in keys],
+            "width": np.full(len(keys), camera.n_col, dtype=np.int32),
+            "height": np.full(len(keys), camera.n_row, dtype=np.int32),
+            "nei_w_cm2": [level.nei_w_cm2 for level in levels],
+            "sei_w_cm2": [level.sei_w_cm2 for level in levels],
+            "blank_counts": [float(level.blank_counts) for level in levels],
+            "counts_per_nei": [float(level.counts_per_nei) for level in levels],
+            "wcs": np.repeat(np.array(wcs, dtype=object), n_band) if n_view else [],
+        }
+    )
+    states = [sensor_states(instrument, name, frames.time_s, axes[:, s]) for s, name in enumerate(frames.sensors)]
+    for number, name in enumerate(STATE_NAMES):
+        table[f"sensor_{name}"] = np.repeat(np.stack([state[:, number] for state in states], axis=1), n_band)
+    for name, unit in IMAGE_UNITS.items():
+        table[name].unit = unit
+    table.meta |= provenance(sequence.scene)
+    return table
 
 
 def _put_keys_first(table: Table, image_ids: Any, sequence: int) -> None:
-    """Move the key columns to the front."""
     table.add_column(image_ids, index=0, name="image_id")
     table.add_column(np.full(len(table), sequence, dtype=np.int64), index=1, name="sequence")
 
@@ -162,13 +134,6 @@ _FACTS = {
     "sensor": "sensor", "band": "band",
 }  # fmt: skip
 """What COCO's file says of an image, and the columns of the table of images that know it."""
-
-
-def keep_texts(recipe: Recipe, folder: Path, shard: Shard) -> str:
-    """Write the COCO texts of a shard with complete tables; return their SHA-256."""
-    path = _texts_path(folder, shard)
-    write_json(_texts(recipe, folder, shard), path)
-    return sha256_of(path)
 
 
 def shard_texts(recipe: Recipe, folder: Path, shard: Shard, checksum: str | None) -> tuple[str, str, str]:
@@ -238,15 +203,15 @@ def write_shard(task: Task) -> CheckpointRecord:
     with output.scratch(shard.name) as scratch:
         sequences = _write_files(work, task, scratch)
         files = sorted(path.relative_to(scratch).as_posix() for path in scratch.rglob("*") if path.is_file())
-        record = output.move_in(shard.name, scratch, files) | {"sequences": sequences}
-    if work.recipe.coco:
-        record["texts"] = keep_texts(work.recipe, output.path, shard)
-    output.write_record(record)
-    return record
+        facts: dict[str, Any] = {"sequences": sequences}
+        if work.recipe.coco:
+            path = _texts_path(output.path, shard)
+            write_json(_texts(work.recipe, scratch, shard), path)
+            facts["texts"] = sha256_of(path)
+        return output.move_in(shard.name, scratch, files, **facts)
 
 
-@dataclass(frozen=True)
-class _Work:
+class _Work(NamedTuple):
     """State that a worker keeps between shards of a run."""
 
     output: OutputFolder
@@ -256,12 +221,6 @@ class _Work:
     inputs: dict[str, Stamp]
     """Stamps of all files that the recipe names, by path."""
 
-    def check_inputs(self) -> None:
-        """Raise InputError if a file was changed since."""
-        for path, stamp in self.inputs.items():
-            if stamp_of(path) != stamp:
-                raise InputError("was changed while the data set was written").of(path)
-
 
 @lru_cache(maxsize=1)
 def work_of_run(folder: Path, key: str, device: str, n_thread: int | None) -> _Work:
@@ -269,9 +228,7 @@ def work_of_run(folder: Path, key: str, device: str, n_thread: int | None) -> _W
 
     InputError: Here it would give other files, as versions differ, or input files.
     """
-    record = read_json(folder / PARTS / RUN)
-    if not isinstance(record, dict) or record.get("key") != key:
-        raise OSError(f"{folder}: no longer belongs to this run")
+    record = current_record(folder, key)
     recipe = Recipe.from_dict(record["recipe"])
     inputs = {path: stamp_of(path) for path in input_files(recipe)}
     output = OutputFolder(folder, identity_of(recipe, device))
@@ -285,21 +242,33 @@ def _write_files(work: _Work, task: Task, scratch: Path) -> list[dict[str, Any]]
     """Write all files of a shard; return the drawn values of each sequence."""
     recipe, shard = work.recipe, task.shard
     drawn = []
-    with shard_writer(recipe, shard, scratch) as writer:
-        tables = _ShardTables(recipe, shard, scratch, writer.locate)
+    parts: dict[str, list[Table]] = defaultdict(list)
+    with closing(shard_writer(recipe, shard, scratch)) as writer:
         for position, number in enumerate(shard.sequences):
             sequence = draw_sequence(recipe, number)
             for frames in _rendered(recipe, sequence, work.renderer.with_scene(sequence.scene)):
-                rows = tables.add(sequence, position, frames)
-                writer.add(sequence, position, frames, planes_of(recipe, frames), rows["truth"])
+                rows = _rows(recipe, sequence, position, frames, writer.locate)
+                for name, table in rows.items():
+                    parts[name].append(table)
+                writer.add(sequence, position, frames, planes_of(recipe, frames), rows)
                 if recipe.satnet:
                     write_satnet(frames, rows, scratch / folder_of(shard, number))
-            tables.end_sequence(sequence)
-            work.check_inputs()  # sequences read them anew
+            if recipe.format not in SHARDED or number == shard.sequences[-1]:
+                _write_tables(recipe, shard, number, parts, scratch)
+                parts.clear()
+            for path, stamp in work.inputs.items():  # sequences read them anew
+                if stamp_of(path) != stamp:
+                    raise InputError("was changed while the data set was written").of(path)
             drawn.append(_sequence_record(recipe, sequence, shard))
-        tables.close()
         writer.finish()
     return drawn
+
+
+def _write_tables(recipe: Recipe, shard: Shard, sequence: int, parts: dict[str, list[Table]], scratch: Path) -> None:
+    for name, some in parts.items():
+        path = scratch / table_path(recipe, shard, sequence, name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_parquet(joined_tables(some), path, {"table": name, **dataset_provenance(recipe)})
 
 
 def _rendered(recipe: Recipe, sequence: Sequence, renderer: Renderer) -> Iterator[FrameSet]:

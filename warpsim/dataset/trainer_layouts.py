@@ -1,7 +1,6 @@
 """Folders as trainers want them: Ultralytics YOLO, MOTChallenge, Hugging Face; one class each, with the same methods.
 
-`add` takes picture after picture, those of a video in order; `finish` writes what describes all of them. YAML is
-written as JSON, which it contains, behind each key.
+YAML is written as JSON, which it contains, behind each key.
 """
 
 from __future__ import annotations
@@ -45,8 +44,8 @@ LINE_BYTES = 2**26
 
 
 @dataclass
-class _Folder:
-    """What all layouts share."""
+class Layout:
+    """A folder as a trainer wants it."""
 
     home: Path
     facts: dict[str, Any]
@@ -59,21 +58,29 @@ class _Folder:
         """Labelled classes, from 0."""
         return {name: number for number, name in enumerate(self.facts["classes"])}
 
+    def add(self, picture: Picture, grey: Grey, labels: list[Label], ignored: list[Label]) -> None:
+        """Write a further picture, those of a video in order."""
+        raise NotImplementedError
+
+    def finish(self) -> None:
+        """Write what describes all pictures."""
+
+    def _file(self, path: str) -> Path:
+        file = self.home / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        return file
+
     def _draw(self, path: str, picture: Picture, grey: Grey) -> None:
-        path_of_file = self.home / path
-        path_of_file.parent.mkdir(parents=True, exist_ok=True)
-        write_grey(path_of_file, grey, {"image_id": picture.row["image_id"]} | self.facts["provenance"])
+        write_grey(self._file(path), grey, {"image_id": picture.row["image_id"]} | self.facts["provenance"])
         self.n_picture[picture.split] += 1
 
     def _append(self, path: str, lines: list[str]) -> None:
         """Append lines to a file, which is made even without any."""
-        path_of_file = self.home / path
-        path_of_file.parent.mkdir(parents=True, exist_ok=True)
-        with path_of_file.open("a", encoding="utf-8", newline="\n") as file:
+        with self._file(path).open("a", encoding="utf-8", newline="\n") as file:
             file.writelines(f"{line}\n" for line in lines)
 
 
-class _Yolo(_Folder):
+class _Yolo(Layout):
     """images/SPLIT/*.png, labels/SPLIT/*.txt with `class cx cy w h` in parts of the image's size, and data.yaml."""
 
     def add(self, picture: Picture, grey: Grey, labels: list[Label], ignored: list[Label]) -> None:
@@ -103,7 +110,7 @@ class _Yolo(_Folder):
         self._append("data.yaml", lines)
 
 
-class _MotChallenge(_Folder):
+class _MotChallenge(Layout):
     """warpsim-SPLIT/VIDEO with img1/000001.png, gt/gt.txt, gt/targets.csv and seqinfo.ini, and seqmaps."""
 
     def add(self, picture: Picture, grey: Grey, labels: list[Label], ignored: list[Label]) -> None:
@@ -144,11 +151,8 @@ class _MotChallenge(_Folder):
         }
         return ["[Sequence]", *(f"{name}={value}" for name, value in values.items())]
 
-    def finish(self) -> None:
-        """Do nothing: every file is whole."""
 
-
-class _HuggingFace(_Folder):
+class _HuggingFace(Layout):
     """SPLIT/*.png with SPLIT/metadata.parquet, and a dataset card whose features name the classes.
 
     Rows are lines of JSON until the end, when they get types: of a split without any label readers could not tell them.
@@ -182,7 +186,6 @@ class _HuggingFace(_Folder):
 
     @staticmethod
     def _give_types(lines: Path) -> None:
-        """Turn lines of JSON into a table."""
         arrow, arrow_json, parquet = (import_module(f"pyarrow{part}") for part in ("", ".json", ".parquet"))
         objects = {name: arrow.list_(arrow.type_for_alias(kind)) for name, kind in HUB_OBJECTS.items()}
         objects["bbox"] = arrow.list_(objects["bbox"])
@@ -239,7 +242,5 @@ class _HuggingFace(_Folder):
         ]
         self._append("README.md", lines)
 
-
-Layout = _Yolo | _MotChallenge | _HuggingFace
 
 LAYOUTS: dict[str, type[Layout]] = {"yolo": _Yolo, "mot": _MotChallenge, "huggingface": _HuggingFace}

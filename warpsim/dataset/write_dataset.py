@@ -9,6 +9,7 @@ import time
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from platform import python_version
 from typing import Any
 
 from warpsim.arguments import whole_number
@@ -22,7 +23,6 @@ from warpsim.dataset.layout import (
     identity_of,
     shards_of,
     split_of,
-    top_names,
     writers_of,
 )
 from warpsim.dataset.recipe import Recipe
@@ -32,11 +32,10 @@ from warpsim.errors import InputError
 from warpsim.files import read_json, sha256_of
 from warpsim.labels.coco import coco_categories, write_coco_parts
 from warpsim.labels.table import write_parquet
-from warpsim.output.manifest import left_out_rows, python_version, response_facts
-from warpsim.output.output_folder import CHECKPOINTS, FINISH, PLANNED, CheckpointRecord, OutputFolder
-from warpsim.output.preview import check_preview
+from warpsim.output.formats import FORMATS, PREVIEWS
+from warpsim.output.output_folder import CHECKPOINTS, MANIFEST, CheckpointRecord, OutputFolder
+from warpsim.output.summary import left_out_rows, response_facts
 from warpsim.output.wording import progress_bar
-from warpsim.output.zarr_array import check_zarr
 from warpsim.render.device import default_device, n_usable_cpu
 from warpsim.scene.scene import Scene
 
@@ -123,7 +122,7 @@ def write_dataset(
 
 @dataclass
 class _Dataset:
-    """The work of a data set."""
+    """The work of a data set; a shard is some sequences."""
 
     recipe: Recipe
     device: str
@@ -133,18 +132,13 @@ class _Dataset:
     n_shard_written: int = 0
 
     @property
-    def shard_names(self) -> list[str]:
-        """Some sequences each."""
-        return [shard.name for shard in shards_of(self.recipe)]
-
-    @property
     def claimed_names(self) -> list[str]:
         """Top-level entries."""
-        return top_names(self.recipe)
+        return [*self.recipe.ratios, ANNOTATIONS, SEQUENCES, MANIFEST]
 
     def records_of(self, folder: OutputFolder, manifest: dict[str, Any]) -> dict[str, CheckpointRecord]:
         """Return the records in the manifest."""
-        return {name: manifest["shards"][name] for name in self.shard_names if name in manifest.get("shards", {})}
+        return dict(manifest.get("shards", {}))
 
     def write_missing(self, folder: OutputFolder, records: dict[str, CheckpointRecord]) -> None:
         """Write the missing shards, and collect their records."""
@@ -153,7 +147,7 @@ class _Dataset:
         n_thread = None if self.executor is None and self.n_worker == 1 else 1
         tasks = [Task(str(folder.path), folder.key, shard, self.device, n_thread) for shard in missing]
         n_sequence = {shard.name: len(shard.sequences) for shard in missing}
-        for name in (CHECKPOINTS, PLANNED, COCO):
+        for name in (CHECKPOINTS, COCO):
             (folder.parts / name).mkdir(exist_ok=True)
         with progress_bar(self.recipe.n_sequence, self.progress, "sequences") as advance:
             advance(self.recipe.n_sequence - sum(n_sequence.values()))
@@ -166,40 +160,36 @@ class _Dataset:
 
     def finish(self, folder: OutputFolder, records: dict[str, CheckpointRecord]) -> dict[str, Any]:
         """Write what describes all shards."""
-        return finish(self.recipe, folder, records)
+        recipe = self.recipe
+        folder.plan_finish(dict.fromkeys(_planned_names(recipe)))
+        files = [
+            *_write_stores(recipe, folder.path, folder.parts),
+            *_write_annotations(recipe, folder.path, records),
+            _write_sequences(recipe, folder.path, records),
+        ]
+        return {
+            "key": folder.key,
+            "provenance": dataset_provenance(recipe),
+            **folder.identity,
+            "python": python_version(),
+            "splits": split_of(recipe),
+            "responses": {name: response_facts(band) for name, band in recipe.scene.scenario.bands.items()},
+            "left_out": left_out_rows(recipe.scenario),
+            "files": {path.relative_to(folder.path).as_posix(): sha256_of(path) for path in files},
+            "shards": {shard.name: records[shard.name] for shard in shards_of(recipe)},
+        }
 
 
 def _check_packages(recipe: Recipe) -> None:
     """Check that the packages that write the files are installed, before the work."""
-    if recipe.preview:
-        check_preview(Path(f"preview.{recipe.preview}"))
-    if recipe.format == "zarr":
-        check_zarr()  # its version matters
+    for form in filter(None, (FORMATS.get(recipe.format), PREVIEWS.get(recipe.preview or ""))):
+        form.check()
     for package in writers_of(recipe):
         if importlib.util.find_spec(package) is None:
             raise InputError("pip install 'warpsim[datasets]'", f"data sets need {package}, which is not installed")
 
 
-def finish(recipe: Recipe, output: OutputFolder, records: dict[str, CheckpointRecord]) -> dict[str, Any]:
-    """Write what describes all shards; return the manifest."""
-    folder = output.path
-    output.plan(FINISH, dict.fromkeys(planned_names(recipe)))
-    files = [*_write_stores(recipe, folder, output.parts), *_write_annotations(recipe, folder, records)]
-    files.append(_write_sequences(recipe, folder, records))
-    return {
-        "key": output.key,
-        "provenance": dataset_provenance(recipe),
-        **output.identity,
-        "python": python_version(),
-        "splits": split_of(recipe),
-        "responses": {name: response_facts(band) for name, band in recipe.scene.scenario.bands.items()},
-        "left_out": left_out_rows(recipe.scenario),
-        "files": {path.relative_to(folder).as_posix(): sha256_of(path) for path in files},
-        "shards": {shard.name: records[shard.name] for shard in shards_of(recipe)},
-    }
-
-
-def planned_names(recipe: Recipe) -> list[str]:
+def _planned_names(recipe: Recipe) -> list[str]:
     """Names of the files that describe all shards, but for the manifest."""
     names = [SEQUENCES, *(f"{ANNOTATIONS}/{split}.json" for split in (recipe.ratios if recipe.coco else ()))]
     if recipe.format == "zarr":
@@ -229,7 +219,6 @@ def _write_stores(recipe: Recipe, folder: Path, parts: Path) -> list[Path]:
 
 
 def _write_annotations(recipe: Recipe, folder: Path, records: dict[str, CheckpointRecord]) -> list[Path]:
-    """COCO's annotations of each split."""
     paths = []
     for split in recipe.ratios if recipe.coco else ():
         path = folder / ANNOTATIONS / f"{split}.json"

@@ -1,9 +1,5 @@
 """Writers of the images of a shard: one class per kind of format, all with the same methods.
 
-They write below a folder that mirrors the data set's: `add` further frames of the position-th sequence of the shard as
-they are rendered, then `finish` the shard; `close` open files, finished or not. `locate` gives an image's file,
-relative to the data set, and its item in it: indices, or a member's name.
-
 Zarr v3 has one group per split, with an array for each plane; a shard of the data set owns whole shards of the arrays.
 Two processes that write into one Zarr shard lose what the other wrote. So each shard of the data set is written to a
 copy of the empty group, in a folder of its own, and its files are then moved to their final paths.
@@ -14,9 +10,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import tarfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,13 +24,10 @@ from warpsim.dataset.layout import (
     Shard,
     dataset_provenance,
     folder_of,
-    image_id,
-    image_keys,
     split_of,
 )
 from warpsim.dataset.recipe import Recipe
 from warpsim.errors import InputError
-from warpsim.instant import utc_dates
 from warpsim.output.fits_header import Views
 from warpsim.output.formats import FORMATS, Animations, Format, ImageFiles, Images
 from warpsim.output.zarr_array import ARRAY
@@ -52,6 +43,9 @@ PREVIEW_FRAMES = 100
 
 Planes = dict[str, npt.NDArray[Any]]
 """By name (PLANES), with the axes (frame, sensor, band, ...) of a render call."""
+
+Rows = dict[str, "Table"]
+"""Of a render call, by table: images, truth, ..."""
 
 STORE = "images.zarr"
 CHUNK_BYTES = 2**18
@@ -122,17 +116,39 @@ def _largest_divisor(number: int, most: int) -> int:
     return max(d for d in range(1, max(1, min(number, most)) + 1) if number % d == 0)
 
 
-class _ZarrShard:
-    """Writer of a shard of the data set: whole shards of each array of its split's group."""
+class ShardWriter:
+    """Writer of the images of a shard below a folder that mirrors the data set's."""
 
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
-        self._recipe, self._shard = recipe, shard
+        self._recipe, self._shard, self._folder = recipe, shard, folder
+
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, rows: Rows) -> None:
+        """Add further frames of the position-th sequence of the shard."""
+        raise NotImplementedError
+
+    def finish(self) -> None:
+        """Finish the files of the shard."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Close open files, finished or not."""
+
+    def locate(self, sequence: Sequence, key: ImageKey) -> tuple[str, str]:
+        """Return an image's file, relative to the data set, and its item in it: indices, or a member's name."""
+        raise NotImplementedError
+
+
+class _ZarrShard(ShardWriter):
+    """Whole shards of each array of the group of a split."""
+
+    def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
+        super().__init__(recipe, shard, folder)
         self._path = folder / store_path(shard.split)
         self._arrays = create_store(recipe, shard.split, self._path)
         self._buffers: dict[str, Any] = {}
         self._first = shard.number * recipe.shard_size
 
-    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: dict[str, Any], truth: Any) -> None:
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, rows: Rows) -> None:
         """Keep frames until a shard of an array is full."""
         if self._recipe.contributions and sequence.scenario.target_names != self._recipe.scenario.target_names:
             raise InputError(
@@ -149,7 +165,6 @@ class _ZarrShard:
                     self._flush(name, number // n_frame * n_frame, number + 1)
 
     def _flush(self, name: str, first: int, end: int) -> None:
-        """Write a whole shard of an array."""
         last = self._first + len(self._shard.sequences)
         self._arrays[name][self._first : last, first:end] = self._buffers.pop(name)[:, : end - first]
 
@@ -158,10 +173,7 @@ class _ZarrShard:
         for name in list(self._buffers):
             self._flush(name, 0, self._recipe.n_frame)
         for path in self._path.rglob("zarr.json"):
-            os.unlink(path)  # noqa: PTH108
-
-    def close(self) -> None:
-        """Do nothing: no file is open."""
+            path.unlink()
 
     def locate(self, sequence: Sequence, key: ImageKey) -> tuple[str, str]:
         """The array and the index of an image."""
@@ -191,11 +203,11 @@ def bytes_per_view(recipe: Recipe, instrument: Instrument, n_target: int) -> int
     return per_pixel * recipe.pixels_of(instrument)
 
 
-class _SequenceFolders:
+class _SequenceFolders(ShardWriter):
     """A folder for each sequence, with the files of a run: cubes, or an image file each, and animations."""
 
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
-        self._recipe, self._shard, self._folder = recipe, shard, folder
+        super().__init__(recipe, shard, folder)
         if recipe.format in ("fits", "fits-frames"):
             self._format: Format = FORMATS[recipe.format]
         else:
@@ -209,7 +221,7 @@ class _SequenceFolders:
         self._written: dict[str, tuple[list[Images], list[dict[str, Any]]]] = {}
         """Of each sensor of it: its images by band, and the views so far."""
 
-    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, rows: Rows) -> None:
         """Append frames to the files of each sensor and band."""
         if sequence.number != self._number:
             self.finish()
@@ -239,9 +251,6 @@ class _SequenceFolders:
             path.unlink()
         self._written = {}
 
-    def close(self) -> None:
-        """Do nothing."""
-
     def locate(self, sequence: Sequence, key: ImageKey) -> tuple[str, str]:
         """The plane of a cube, the extension of a file, or the file of an image."""
         images = Images(sequence.scenario, key.sensor, key.band, [key.frame])
@@ -250,7 +259,7 @@ class _SequenceFolders:
         return f"{folder_of(self._shard, key.sequence)}/{name}", item
 
 
-class TarArchive:
+class _TarArchive(ShardWriter):
     """A tar archive per shard, in the form of WebDataset: KEY.npy (all bands), KEY.PLANE.npy and KEY.json.
 
     A key is SEQUENCE_FRAME_SENSOR. Archives hold no times and no owners, so that equal content is equal bytes; names
@@ -258,16 +267,14 @@ class TarArchive:
     """
 
     def __init__(self, recipe: Recipe, shard: Shard, folder: Path) -> None:
-        self._recipe, self._shard = recipe, shard
+        super().__init__(recipe, shard, folder)
         path = folder / f"{shard.stem}.tar"
         path.parent.mkdir(parents=True, exist_ok=True)
         self._tar = tarfile.open(path, "w", format=tarfile.PAX_FORMAT)  # noqa: SIM115
 
-    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, truth: Table) -> None:
+    def add(self, sequence: Sequence, position: int, frames: FrameSet, planes: Planes, rows: Rows) -> None:
         """Append the samples of frames."""
-        keys = image_keys(self._recipe, sequence, position, frames)
         words = provenance(sequence.scene) | {RECIPE_SEED: self._recipe.seed}
-        dates = utc_dates(sequence.scene.epoch_utc, frames.time_s)
         for f, number in enumerate(frames.frames):
             for s, sensor in enumerate(frames.sensors):
                 key = self._key(sequence.number, number, sensor)
@@ -275,25 +282,23 @@ class TarArchive:
                     data = io.BytesIO()
                     np.save(data, np.ascontiguousarray(values[f, s]))
                     self._append(f"{key}.npy" if name == "counts" else f"{key}.{name}.npy", data.getvalue())
-                rows = truth[(truth["frame"] == number) & (truth["sensor"] == sensor)]
-                own = [key for key in keys if key.frame == number and key.sensor == sensor]
-                known = self._label(own, rows) | {"time_s": float(frames.time_s[f]), "date_obs": str(dates[f])}
-                self._append(f"{key}.json", json.dumps(known | words).encode())
+                tables = (rows["images"], rows["truth"])
+                own = (table[(table["frame"] == number) & (table["sensor"] == sensor)] for table in tables)
+                self._append(f"{key}.json", json.dumps(self._label(*own) | words).encode())
 
-    def _label(self, keys: list[ImageKey], rows: Any) -> dict[str, Any]:
+    def _label(self, images: Table, truth: Table) -> dict[str, Any]:
         """Metadata of a sample: its images, band by band, and its targets in each."""
-        names = [name for name in rows.colnames if name not in ("frame", "sensor", "image_id", "sequence", "mask_rle")]
-        columns = [np.asarray(rows[name]).tolist() for name in names]
+        names = [name for name in truth.colnames if name not in ("frame", "sensor", "image_id", "sequence", "mask_rle")]
+        columns = [np.asarray(truth[name]).tolist() for name in names]
         targets = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
         for target in targets:  # JSON knows no NaN
             target |= {name: None for name, value in target.items() if value != value}
         return {
-            "sequence": keys[0].sequence,
-            "frame": keys[0].frame,
-            "sensor": keys[0].sensor,
-            "bands": [key.band for key in keys],
-            "image_ids": [image_id(self._recipe, key) for key in keys],
+            **{name: images[name].tolist()[0] for name in ("sequence", "frame", "sensor")},
+            "bands": images["band"].tolist(),
+            "image_ids": images["image_id"].tolist(),
             "targets": targets,
+            **{name: images[name].tolist()[0] for name in ("time_s", "date_obs")},
         }
 
     def _append(self, name: str, content: bytes) -> None:
@@ -321,12 +326,7 @@ class TarArchive:
         return f"{self._shard.stem}.tar", f"{member}.npy[{own.index(key.band)}]"
 
 
-ShardWriter = _SequenceFolders | TarArchive | _ZarrShard
-
-
-@contextlib.contextmanager
-def shard_writer(recipe: Recipe, shard: Shard, folder: Path) -> Iterator[ShardWriter]:
+def shard_writer(recipe: Recipe, shard: Shard, folder: Path) -> ShardWriter:
     """Return the writer of a recipe's format."""
-    kinds: dict[str, type[ShardWriter]] = {"zarr": _ZarrShard, "webdataset": TarArchive}
-    with contextlib.closing(kinds.get(recipe.format, _SequenceFolders)(recipe, shard, folder)) as writer:
-        yield writer
+    kinds: dict[str, type[ShardWriter]] = {"zarr": _ZarrShard, "webdataset": _TarArchive}
+    return kinds.get(recipe.format, _SequenceFolders)(recipe, shard, folder)

@@ -93,7 +93,6 @@ def _pyarrow(path: str | Path) -> tuple[Any, Any]:
 
 
 def _array(arrow: Any, column: Any) -> Any:
-    """A column as pyarrow has it."""
     missing = np.ma.getmaskarray(column) if hasattr(column, "mask") else None
     values = np.asarray(column)
     if values.dtype.kind == "O":

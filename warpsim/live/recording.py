@@ -16,8 +16,7 @@ from warpsim.files import check_new_file, whole_file
 from warpsim.live.globe import quaternion_wxyz
 from warpsim.live.shown_images import ShownImage
 from warpsim.live.view import View
-from warpsim.output.grey import grey
-from warpsim.output.preview import animation, check_preview
+from warpsim.output.grey import animation, check_preview, grey
 
 TILE_PX = 256
 """Images are enlarged to about so many pixels a side."""

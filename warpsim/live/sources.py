@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from warpsim.dataset.rebuild import rebuild_sequence
+from warpsim.dataset.read_dataset import rebuild_sequence
 from warpsim.errors import InputError
 from warpsim.files import read_json
 from warpsim.live.growing_run import GrowingImages, unfinished_run

@@ -97,7 +97,6 @@ def calibrate(
 
 
 def _check_own_maps(scenario: Scenario, sensor: str, bands: Sequence[str]) -> None:
-    """Raise where the user's maps of a sensor cannot be read."""
     own = scenario.instrument_of(sensor).sensor
     if own.detector.maps_file is not None:
         read_maps(own.detector.maps_file, [sensor], bands, list(own.bands), (own.camera.n_row, own.camera.n_col))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -10,14 +10,13 @@ from warpsim.instant import instant_after
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.earth import geodetic_altitude_m
 from warpsim.orbit.node_steps import TRACK_ERROR_M
-from warpsim.output.check_attitudes import target_attitude_lines
+from warpsim.output.check_pointing import target_attitude_lines
 from warpsim.output.check_sensor import sensor_lines
-from warpsim.output.check_views import count_replaced, replaced_text
 from warpsim.output.wording import counted
 from warpsim.render.stars import Skies
 from warpsim.scene.attitudes import within_scene
 from warpsim.scene.band_descriptions import parts_with_bands, tables_by_band
-from warpsim.scene.groups import TargetGroup
+from warpsim.scene.groups import TargetGroup, TargetSpec
 from warpsim.scene.scenario import Scenario
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.tiles import StarTiles
@@ -84,12 +83,6 @@ def _unused_lines(scenario: Scenario) -> list[str]:
     return [f"  note       band {names}: {where}, {end}" for names, where in unused.items() if names]
 
 
-def pointing_warning(scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> str | None:
-    """Warning of fallback camera axes, counted over the frames of each sensor; None if there are none."""
-    counts = [count_replaced(instrument, frames_of) for instrument in scenario.instruments.values()]
-    return replaced_text(*(sum(column) for column in zip(*counts, strict=True)))
-
-
 def _sky_lines(scenario: Scenario, catalogs: Mapping[str, StarCatalog], tiles: StarTiles | None) -> list[str]:
     """Stars by kind of sensor with light in each band; effects in their positions, and the size of disabled ones."""
     sky, bright = scenario.scene.sky, {}
@@ -136,11 +129,14 @@ def _sky_lines(scenario: Scenario, catalogs: Mapping[str, StarCatalog], tiles: S
     return lines
 
 
+def _specs(scenario: Scenario) -> list[TargetSpec]:
+    return list({spec.name: spec for group in scenario.scene.groups for spec in group.targets}.values())
+
+
 def _surface_notes(scenario: Scenario) -> list[str]:
     """Bands beyond the wavelengths at which a target's surface is given."""
     notes = []
-    specs = {spec.name: spec for group in scenario.scene.groups for spec in group.targets}.values()
-    for spec, surface in [(one, surface) for one in specs for surface in one.surfaces]:
+    for spec, surface in [(one, surface) for one in _specs(scenario) for surface in one.surfaces]:
         if not surface.is_spectral:
             continue
         low_um, high_um = surface.emissivity_curve.wavelength_um[[0, -1]]
@@ -156,7 +152,7 @@ def _surface_notes(scenario: Scenario) -> list[str]:
 def _patch_lines(scenario: Scenario) -> list[str]:
     """Lines about the patches of targets, and how far facets stand for them."""
     lines = []
-    for spec in {spec.name: spec for group in scenario.scene.groups for spec in group.targets}.values():
+    for spec in _specs(scenario):
         areas = patch_areas(spec.shape, spec.patches)
         if areas:
             part = sum(area.surface_m2 for area in areas) / spec.shape.surface_m2
@@ -179,9 +175,9 @@ def _orbit_lines(scenario: Scenario) -> list[str]:
         notes = getattr(propagator, "notes", None)
         lines += [f"  note       {note}" for note in (notes(scenario.epoch, scene.duration_s) if notes else [])]
     lines += [f"  note       {note}" for note in _surface_notes(scenario)]
-    shapes = {spec.name: spec.shape for group in scene.groups for spec in group.targets}
-    for name, shape in shapes.items():
-        lines += [f"  note       {name}: {note}" for note in (shape.notes() if isinstance(shape, Mesh) else [])]
+    for spec in _specs(scenario):
+        notes_of_mesh = spec.shape.notes() if isinstance(spec.shape, Mesh) else []
+        lines += [f"  note       {spec.name}: {note}" for note in notes_of_mesh]
     if tracks.error_m > TRACK_ERROR_M:
         rough = max((*tracks.satellites, *tracks.targets), key=lambda track: track.error_m)
         missed = f"near {rough.error_at_s:.6g} s interpolation is {rough.error_m * 1e3:.2g} mm off"
@@ -211,13 +207,15 @@ def _group_lines(group: TargetGroup, scenario: Scenario) -> list[str]:
     states = [tracks.target_state(index, times) for index in mains]
     altitude_km = np.concatenate([geodetic_altitude_m(position_m, tracks.pole_icrs) for position_m, _ in states]) / 1e3
     arc = path if isinstance(path, BallisticArc) else None
-    # A flight's own start velocity: that of the track is a derivative of its interpolant.
-    speeds = [_flight_speed_m_s(arc, group, scenario)] if arc else [np.linalg.norm(v[0]) for _, v in states]
+    if arc:  # its own start velocity: that of the track is a derivative of its interpolant
+        speed_m_s = arc.flight(instant_after(scenario.epoch, group.start_s)).start_speed_m_s
+    else:
+        speed_m_s = float(max(np.linalg.norm(velocity_m_s[0]) for _, velocity_m_s in states))
     kind = f"{arc.range_angle_deg:.2f} deg about the Earth's centre" if arc else path.kind.replace("_", " ")
     when = "" if (first_s, last_s) == (0.0, scenario.scene.duration_s) else f"; there from {first_s:g} to {last_s:g} s"
     lines = [
         f"  group      {group.name}: {counted(len(group.names), 'target')}, {altitude_km.min():.1f} to "
-        f"{altitude_km.max():.1f} km above WGS84, start {max(speeds):.0f} m/s, {kind}{when}"
+        f"{altitude_km.max():.1f} km above WGS84, start {speed_m_s:.0f} m/s, {kind}{when}"
     ]
     spread = {spec.name: spec.spread for spec in group.targets if spec.spread}
     lines += [f"  spread     {name}: {', '.join(fields)}" for name, fields in spread.items()]
@@ -227,18 +225,13 @@ def _group_lines(group: TargetGroup, scenario: Scenario) -> list[str]:
         if released_s >= last_s:
             words = f"released at {released_s:g} s, absent from {last_s:g} s"
             lines.append(f"  warning    {spec.name} is never deployed: {words}")
-    if arc and speeds[0] > ESCAPE_SPEED_M_S:
+    if arc and speed_m_s > ESCAPE_SPEED_M_S:
         lines.append(f"  warning    the flight starts faster than escape speed ({ESCAPE_SPEED_M_S:.0f} m/s)")
     if arc and altitude_km.min() < arc.endpoint_altitude_km - 0.1:
         lines.append(f"  warning    the flight dips below its end points ({arc.endpoint_altitude_km:g} km)")
     if not arc and altitude_km.min() < 0:
         lines.append(f"  warning    the path goes {-altitude_km.min():.0f} km below the ground")
     return lines
-
-
-def _flight_speed_m_s(arc: BallisticArc, group: TargetGroup, scenario: Scenario) -> float:
-    """Speed at the start of a flight [m/s]."""
-    return arc.flight(instant_after(scenario.epoch, group.start_s)).start_speed_m_s
 
 
 def _heat_lines(scenario: Scenario) -> list[str]:

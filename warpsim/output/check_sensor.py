@@ -16,16 +16,15 @@ from warpsim.detector.pixel_maps import read_maps
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import PsfAiry, PsfGaussian
 from warpsim.optics.wcs import ERROR_PX, sip_polynomials
-from warpsim.output.check_attitudes import attitude_lines
 from warpsim.output.check_background import background_lines
-from warpsim.output.check_views import FieldContents, count_replaced, field_contents, longest_streaks_px, replaced_text
+from warpsim.output.check_pointing import pointing_lines
+from warpsim.output.check_views import counted_targets, longest_streaks_px
 from warpsim.output.wording import counted
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.by_band import in_band
 from warpsim.scene.band_descriptions import BandDescription
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
-from warpsim.scene.pointing import ALL, BodyPointing, FixedPointing, Pointing, SchedulePointing, TrackPointing
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.target_access import target_margins
 from warpsim.sky.catalog import StarCatalog
@@ -66,32 +65,29 @@ def sensor_lines(instrument: Instrument, scenario: Scenario, catalog: StarCatalo
         name: np.flatnonzero(instrument.has_access(sensor, times)).astype(np.int32).data  # 4 bytes a frame
         for sensor, name in enumerate(instrument.names)
     }
+    views: Mapping[str, Sequence[int]] = {name: frames for name, frames in frames_of.items() if len(frames)}
+    views = views or dict.fromkeys(instrument.names, range(instrument.frames.count))
     return [
         *_camera_lines(instrument, scenario),
         *_band_lines(instrument, catalog, scenario.scene),
         *_optics_lines(instrument),
         *_detector_lines(instrument),
-        *_light_lines(instrument, scenario, frames_of),
-        *background_lines(instrument, scenario, frames_of),
+        *_light_lines(instrument, scenario, views),
+        *background_lines(instrument, scenario, views),
         *_access_lines(instrument, scenario, frames_of),
-        *_pointing_lines(instrument, scenario, frames_of),
+        *pointing_lines(instrument, scenario, frames_of, views),
     ]
 
 
 def _camera_lines(instrument: Instrument, scenario: Scenario) -> list[str]:
-    """Times of frames, and the camera."""
     frames, camera = instrument.frames, instrument.sensor.camera
     bands = f", bands {' '.join(instrument.sensor.bands)}" if len(scenario.instruments) > 1 else ""
+    width, height = (f"{np.degrees(1 / focal) * 3600:.2f}" for focal in (camera.focal_px, camera.focal_row_px))
+    size = width if camera.pixel_aspect == 1 else f"{width} x {height}"
     return [
         f"  frames     {frames.count} every {frames.interval_s:g} s from {frames.start_s:g} s after the epoch{bands}",
-        f"  camera     {camera.n_row} x {camera.n_col} pixels, "
-        f"{_pixel_size(camera)} arcsec per pixel{_distortion(camera)}",
+        f"  camera     {camera.n_row} x {camera.n_col} pixels, {size} arcsec per pixel{_distortion(camera)}",
     ]
-
-
-def _pixel_size(camera: Camera) -> str:
-    width, height = (f"{np.degrees(1 / focal) * 3600:.2f}" for focal in (camera.focal_px, camera.focal_row_px))
-    return width if camera.pixel_aspect == 1 else f"{width} x {height}"
 
 
 def _distortion(camera: Camera) -> str:
@@ -112,7 +108,7 @@ def _band_lines(instrument: Instrument, catalog: StarCatalog, scene: SceneDescri
         response = "photon" if band.per_photon else "energy"
         lines.append(
             f"  band       {name}: {low_um:.4g} to {high_um:.4g} um at half power, response by {response}, mean photon "
-            f"{mean_photon_j(band):.3g} J, {_electron_j(band):.3g} J an electron; {_zero_point(band)}"
+            f"{mean_photon_j(band):.3g} J, {_photon_j(band.photon_um):.3g} J an electron; {_zero_point(band)}"
         )
         lines += _peak_lines(instrument, band, scene.band.get(name))
         if len(catalog):
@@ -149,13 +145,11 @@ def _complete(in_nei: npt.NDArray[np.float64]) -> str:
 def mean_photon_j(band: Band) -> float:
     """Return the mean energy of the photons that a band detects of a spectrum flat in wavelength [J]."""
     node_um, weight_um = band.quadrature_um
-    mean_um = float(np.sum(weight_um * node_um) / np.sum(weight_um))
-    return PLANCK_J_S * SPEED_OF_LIGHT_M_S / (mean_um * 1e-6)
+    return _photon_j(float(np.sum(weight_um * node_um) / np.sum(weight_um)))
 
 
-def _electron_j(band: Band) -> float:
-    """In-band energy for each electron at peak quantum efficiency, the same in every spectrum [J]."""
-    return PLANCK_J_S * SPEED_OF_LIGHT_M_S / (band.photon_um * 1e-6)
+def _photon_j(wavelength_um: float) -> float:
+    return PLANCK_J_S * SPEED_OF_LIGHT_M_S / (wavelength_um * 1e-6)
 
 
 def _zero_point(band: Band) -> str:
@@ -250,11 +244,10 @@ def _converter_notes(detector: NeiDetector, all_levels: Mapping[str, Levels]) ->
     return [f"  note       the converter ends below SEI, at {short}: pixels saturate there"] if short else []
 
 
-def _light_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:
+def _light_lines(instrument: Instrument, scenario: Scenario, views: Mapping[str, Sequence[int]]) -> list[str]:
     """Terms of the targets' light, and the quadrature over an exposure."""
     lines = [f"  light      {name}: {term.reason}" for name, term in instrument.light_terms.items()]
     sensor, exposure_s = instrument.sensor, instrument.sensor.detector.exposure_s
-    views = frames_of if any(frames_of.values()) else _every_frame(instrument)
 
     def moved(span_s: float) -> tuple[float, float]:
         return longest_streaks_px(instrument, scenario.tracks, views, scenario.scene.duration_s, span_s)
@@ -277,10 +270,6 @@ def _light_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[
         if max(stars_px, targets_px) > LARGEST_SHIFT_PX:
             lines.append("  warning    images of sources are drawn as of one time: their rows are off by such a shift")
     return lines
-
-
-def _every_frame(instrument: Instrument) -> dict[str, range]:
-    return {name: range(instrument.frames.count) for name in instrument.names}
 
 
 def _access_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:
@@ -312,13 +301,10 @@ def _broken_rules(instrument: Instrument, scenario: Scenario, sensors: Sequence[
     for sensor in sensors:
         alike.setdefault(tuple(instrument.access_targets(sensor)), []).append(sensor)
     n_broken: dict[str, int] = {}
-    for steps, own in alike.items():
+    for own in alike.values():
         observers = instrument.observers(own)
-        ends = [start_s for start_s, _ in steps[1:]] + [np.inf]
-        for (start_s, targets), end_s in zip(steps, ends, strict=True):
-            then = times[(times >= start_s) & (times < end_s)]
-            if not then.size:
-                continue
+        for targets, is_then in counted_targets(instrument, own[0], times):
+            then = times[is_then]
             there = np.zeros(len(then), dtype=bool)
             best: dict[str, npt.NDArray[np.float64]] = {}
             for target in targets[:: -(-len(targets) // MOST_TARGETS_LOOKED_AT)]:
@@ -333,71 +319,3 @@ def _broken_rules(instrument: Instrument, scenario: Scenario, sensors: Sequence[
     n_absent = n_broken.pop("absent", 0)
     n_broken |= {"absent": n_absent} if n_absent else {}
     return {rule: number / (len(sensors) * len(times)) for rule, number in n_broken.items()}
-
-
-def _pointing_lines(instrument: Instrument, scenario: Scenario, frames_of: Mapping[str, Sequence[int]]) -> list[str]:
-    """Pointing of the cameras, and contents of the views, or of some spread over them."""
-    pointings = instrument.sensor.pointing
-    lines = [
-        f"  pointing   {_pointing_text(pointing)}{_where_text(pointing, number) if len(pointings) > 1 else ''}"
-        for number, pointing in enumerate(pointings)
-    ]
-    bodies_of = {own.attitude: None for own in instrument.program.sensors if own.attitude is not None}
-    lines += [line for rows in bodies_of for line in attitude_lines("body", rows, scenario.scene.duration_s)]
-    views = frames_of if any(frames_of.values()) else _every_frame(instrument)
-    found = field_contents(instrument, scenario.tracks, views)
-    n_view = counted(found.n_view, "view")
-    if views is frames_of:
-        what = _counted_text(found, scenario)
-        lines.append(f"  in field   {what} in {found.target:,} of {n_view}")
-        if not found.target:
-            lines.append(f"  warning    no view has {what} in the field")
-    bodies = {"Earth": 0 if instrument.background.earth else found.earth, "Sun": found.sun}
-    lines += [
-        f"  warning    the {name} is in the field of {n:,} of {n_view} ({n / found.n_view:.0%}), and is not drawn"
-        for name, n in bodies.items()
-        if n
-    ]
-    if found.slewing:
-        lines.append(f"  note       the camera slews or settles in {found.slewing:,} of {n_view}")
-    warning = replaced_text(*count_replaced(instrument, frames_of))
-    return lines if warning is None else [*lines, f"  warning    {warning}"]
-
-
-def _where_text(pointing: Pointing, number: int) -> str:
-    """Satellites of an entry."""
-    return f"; on {'all others' if number and ALL in pointing.on else ', '.join(pointing.on)}"
-
-
-def _pointing_text(pointing: Pointing) -> str:
-    """Pointing law of a camera, and its errors."""
-    if isinstance(pointing, TrackPointing):
-        what = f"tracks {pointing.track}"
-    elif isinstance(pointing, BodyPointing):
-        what = f"fixed in a body, {pointing.file}"
-    elif isinstance(pointing, SchedulePointing):
-        what = f"{counted(len(pointing.steps), 'step')}"
-    else:
-        what = "fixed" if isinstance(pointing, FixedPointing) else f"table, {pointing.mode}"
-    errors = []
-    if pointing.bias:
-        errors.append(f"bias {_size_text(pointing.bias.rms_urad, pointing.bias.urad)} urad")
-    if pointing.drift:
-        errors.append(f"drift {_size_text(pointing.drift.rms_urad_s, pointing.drift.urad_s)} urad/s")
-    if pointing.jitter:
-        errors.append(f"jitter {pointing.jitter.rms_urad:g} urad (rms)")
-    up = [] if isinstance(pointing, BodyPointing) else [f"{pointing.up} up"]
-    return ", ".join([what, *up, *errors])
-
-
-def _size_text(rms: float | None, axes: tuple[float, float] | None) -> str:
-    """Size of an error of pointing: drawn for each sensor, or about the two axes."""
-    return f"{rms:g} (rms)" if axes is None else f"({axes[0]:g}, {axes[1]:g})"
-
-
-def _counted_text(found: FieldContents, scenario: Scenario) -> str:
-    """Targets that access counts by, in words."""
-    if len(found.counted) == 1:
-        return scenario.target_names[next(iter(found.counted))]
-    groups = {scenario.targets[target].group for target in found.counted}
-    return f"a target of {scenario.group_names[groups.pop()]}" if len(groups) == 1 else "a target"

@@ -13,7 +13,6 @@ from warpsim.directions import normalised
 from warpsim.optics.camera import Camera
 from warpsim.orbit.earth import earth_clearance_m
 from warpsim.orbit.sun import sunlit_fraction
-from warpsim.output.wording import counted
 from warpsim.scene.camera_axes import SatelliteState, apparent_mean, satellite_state
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.tracks import Tracks
@@ -23,9 +22,6 @@ Mask = npt.NDArray[np.bool_]
 
 MOST_VIEWS_LOOKED_AT = 2000
 """Views in which bodies are looked for."""
-
-MOST_VIEWS_COUNTED = 1_000_000
-"""Views in which fallback axes are counted."""
 
 MOST_VIEWS_OF_STREAKS = 200
 """Views in which streaks are measured."""
@@ -46,8 +42,6 @@ class FieldContents:
     """Views with a target in the field that access counts by."""
     earth: int = 0
     sun: int = 0
-    up_replaced: int = 0
-    boresight_replaced: int = 0
     slewing: int = 0
     counted: set[int] = field(default_factory=set)
     """Targets that access counts by."""
@@ -56,11 +50,11 @@ class FieldContents:
 def field_contents(instrument: Instrument, tracks: Tracks, frames_of: Mapping[str, Sequence[int]]) -> FieldContents:
     """Count the contents of the fields of view, over some views spread over all frames of the kind's sensors."""
     found = FieldContents()
-    for sensor, time_s in _spread(instrument, frames_of, MOST_VIEWS_LOOKED_AT):
+    for sensor, time_s in spread_views(instrument, frames_of, MOST_VIEWS_LOOKED_AT):
         at = satellite_state(tracks, instrument.satellites[sensor], time_s)
         axes = instrument.commanded_axes(sensor, time_s).axes
         seen = np.zeros(len(time_s), dtype=bool)
-        for targets, then in _counted(instrument, sensor, time_s):
+        for targets, then in counted_targets(instrument, sensor, time_s):
             found.counted |= set(targets)
             for target in targets:
                 seen[then] |= target_in_field(instrument.sensor.camera, tracks, target, at.rows(then), axes[then])
@@ -72,32 +66,10 @@ def field_contents(instrument: Instrument, tracks: Tracks, frames_of: Mapping[st
     return found
 
 
-def count_replaced(instrument: Instrument, frames_of: Mapping[str, Sequence[int]]) -> tuple[int, int, int]:
-    """Return the numbers of views with fallbacks for `up` and for the boresight, and of all that were looked at."""
-    n_up = n_boresight = n_view = 0
-    for sensor, time_s in _spread(instrument, frames_of, MOST_VIEWS_COUNTED):
-        commanded = instrument.commanded_axes(sensor, time_s)
-        n_up += int(commanded.up_replaced.sum())
-        n_boresight += int(commanded.boresight_replaced.sum())
-        n_view += len(time_s)
-    return n_up, n_boresight, n_view
-
-
-def replaced_text(n_up: int, n_boresight: int, n_view: int) -> str | None:
-    """Return a text about fallback camera axes in some of n_view views; None if there are none."""
-    reported = []
-    if n_up:
-        reported.append(
-            f"{counted(n_up, 'view')} of {n_view:,} with pointing.up along the line of sight, its fallback is up"
-        )
-    if n_boresight:
-        lost = f"{counted(n_boresight, 'view')} of {n_view:,} with no direction to track, the motion's is taken"
-        reported.append(lost)
-    return "; ".join(reported) or None
-
-
-def _spread(instrument: Instrument, frames_of: Mapping[str, Sequence[int]], most: int) -> Iterator[tuple[int, F64]]:
-    """Index of each sensor of a kind, and times of its frames; some views spread over all of them."""
+def spread_views(
+    instrument: Instrument, frames_of: Mapping[str, Sequence[int]], most: int
+) -> Iterator[tuple[int, F64]]:
+    """Yield the index of each sensor of a kind, and times of its frames; some views spread over all of them."""
     own = {name: frames_of[name] for name in instrument.names if frames_of.get(name)}
     n_view = sum(map(len, own.values()))
     step = max(1, -(-n_view // most))
@@ -109,8 +81,8 @@ def _spread(instrument: Instrument, frames_of: Mapping[str, Sequence[int]], most
             yield instrument.index(name), instrument.frame_time_s(chosen)
 
 
-def _counted(instrument: Instrument, sensor: int, time_s: F64) -> Iterator[tuple[Sequence[int], Mask]]:
-    """Targets that a sensor's access counts by, with times."""
+def counted_targets(instrument: Instrument, sensor: int, time_s: F64) -> Iterator[tuple[Sequence[int], Mask]]:
+    """Yield the targets that a sensor's access counts by, and which of some times they do at."""
     steps = instrument.access_targets(sensor)
     ends = [start_s for start_s, _ in steps[1:]] + [np.inf]
     for (start_s, targets), end_s in zip(steps, ends, strict=True):
@@ -166,7 +138,7 @@ def longest_streaks_px(
     """
     longest = np.zeros(2)
     half_s = 0.5 * span_s
-    views = list(_spread(instrument, frames_of, MOST_VIEWS_OF_STREAKS))
+    views = list(spread_views(instrument, frames_of, MOST_VIEWS_OF_STREAKS))
     targets = range(0, len(tracks.targets), 1 + len(views) * len(tracks.targets) // MOST_STREAKS)
     for sensor, time_s in views:
         ends = []

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.detector.levels import Levels
-from warpsim.files import whole_file_by_memory
+from warpsim.output.formats import Images
 from warpsim.output.grey import CEILING_NEI, grey, window_about
+from warpsim.output.image_files import write_grey
 from warpsim.scene.description import SceneDescription
-from warpsim.scene.instrument import Instrument
 from warpsim.scene.provenance import provenance
 
 TILE_PX = 128
@@ -35,34 +33,18 @@ _MOST_ROOM_PX = 1400
 _MARK = np.array([79, 209, 255], np.uint8)
 _MARK_PX = (3.0, 1.5)  # a tick above a target, from and to so many pixels of the image
 
-Planes = Callable[[str, list[int]], npt.NDArray[np.uint16]]
-"""(sensor, frame numbers) -> counts, shape (n, n_row, n_col)."""
+Planes = Callable[[Images, list[int]], npt.NDArray[np.uint16]]
+"""(images of a sensor, frame numbers) -> counts, shape (n, n_row, n_col)."""
 
-Places = Callable[[str, list[int]], list[npt.NDArray[np.float64]]]
-"""(sensor, frame numbers) -> columns and rows of the targets with light, each of shape (n, 2) [px]."""
+Places = Callable[[Images, list[int]], list[npt.NDArray[np.float64]]]
+"""(images of a sensor, frame numbers) -> columns and rows of the targets with light, each of shape (n, 2) [px]."""
 
 Label = tuple[int, int, str, int, tuple[float, float, float]]
 """Where, what, its size and colour."""
 
 
-@dataclass(frozen=True)
-class SheetRow:
-    """A row of the sheet: the images of a sensor."""
-
-    sensor: str
-    instrument: Instrument
-    band: str
-    frames: list[int]
-    """Rendered frame numbers."""
-
-    @property
-    def time_s(self) -> npt.NDArray[np.float64]:
-        """Times of the frames after the epoch [s]."""
-        return self.instrument.frame_time_s(self.frames)
-
-
 def draw_contact_sheet(
-    scene: SceneDescription, rows: Sequence[SheetRow], planes: Planes, path: Path, places: Places | None = None
+    scene: SceneDescription, rows: Sequence[Images], planes: Planes, path: Path, places: Places | None = None
 ) -> None:
     """Draw a PNG of some frames of every sensor.
 
@@ -74,29 +56,27 @@ def draw_contact_sheet(
         places: Where targets are; tiles then show the part of an image about them, with a tick above each. Whole
             images when left out.
     """
-    columns = _column_times_s(rows)
-    height = TOP_PX + max(1, len(rows)) * (TILE_PX + GAP_PX)
+    times_s = np.unique(np.concatenate([row.instrument.frame_time_s(row.frames) for row in rows]))
+    picks = np.linspace(0, len(times_s) - 1, min(N_COLUMN, len(times_s))).round().astype(int)
+    columns = times_s[np.unique(picks)].tolist()  # evenly spread over the frames that any sensor has
+    height = TOP_PX + len(rows) * (TILE_PX + GAP_PX)
     title = f"{scene.name}   {_bands_text(rows)}   {scene.epoch_utc} UTC"
     words = f"white: {CEILING_NEI:g} NEI, asinh scale, times after the epoch   behind: {scene.background.summary}"
     room = max(_LETTER_PX[0] * len(title), _LETTER_PX[1] * len(words))  # for words above a few tiles
     width = max(LEFT_PX + len(columns) * (TILE_PX + GAP_PX), 16 + min(room, _MOST_ROOM_PX))
     canvas = np.full((height, width, 3), _PAPER, dtype=np.uint8)
-    labels: list[Label] = [
-        (8, 20, title, 15, _INK),
-        (8, 38, words, 13, _FAINT),
-        (8, TOP_PX - 6, "t [s]", 13, _INK),
-    ]
+    labels: list[Label] = [(8, 20, title, 15, _INK), (8, 38, words, 13, _FAINT), (8, TOP_PX - 6, "t [s]", 13, _INK)]
     labels += [(_left(i), TOP_PX - 6, f"{time_s:.1f}", 13, _INK) for i, time_s in enumerate(columns)]
     for number, row in enumerate(rows):
         labels += _draw_row(canvas, TOP_PX + number * (TILE_PX + GAP_PX), row, columns, planes, places)
-    _write_png(canvas, labels, json.dumps(provenance(scene)), path)
+    write_grey(path, _with_labels(canvas, labels), provenance(scene), settings={})
 
 
 def _left(column: int) -> int:
     return LEFT_PX + column * (TILE_PX + GAP_PX)
 
 
-def _bands_text(rows: Sequence[SheetRow]) -> str:
+def _bands_text(rows: Sequence[Images]) -> str:
     """Band shown, by kind of sensor if there are several."""
     bands = {row.instrument.sensor.name: row.band for row in rows}
     if len(set(bands.values())) == 1:
@@ -105,20 +85,21 @@ def _bands_text(rows: Sequence[SheetRow]) -> str:
 
 
 def _draw_row(
-    canvas: npt.NDArray[np.uint8], top: int, row: SheetRow, columns: Sequence[float], planes: Planes,
+    canvas: npt.NDArray[np.uint8], top: int, row: Images, columns: Sequence[float], planes: Planes,
     places: Places | None,
 ) -> list[Label]:  # fmt: skip
     """Draw the tiles of a sensor; the labels that belong to them."""
     middle = top + TILE_PX // 2
     name, _, kind = row.sensor.partition(".")
     labels: list[Label] = [(8, middle, name, 15, _INK), *([(8, middle + 18, kind, 13, _FAINT)] if kind else [])]
-    shown = _nearest(row.time_s, columns)
+    row_s = row.instrument.frame_time_s(row.frames)
+    shown = _nearest(row_s, columns)
     tiles: dict[int, npt.NDArray[np.uint16]] = {}
     points: dict[int, npt.NDArray[np.float64]] = {}
     if shown:
         numbers = [row.frames[index] for index in shown.values()]
-        tiles = dict(zip(shown, planes(row.sensor, numbers), strict=True))
-        points = dict(zip(shown, places(row.sensor, numbers), strict=True)) if places else {}
+        tiles = dict(zip(shown, planes(row, numbers), strict=True))
+        points = dict(zip(shown, places(row, numbers), strict=True)) if places else {}
     for column, time_s in enumerate(columns):
         left = _left(column)
         if column not in tiles:
@@ -131,7 +112,7 @@ def _draw_row(
         else:
             tile = np.repeat(grey_tile(tiles[column], levels)[..., None], 3, axis=2)
         canvas[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
-        own_s = row.time_s[shown[column]]
+        own_s = row_s[shown[column]]
         if own_s != time_s:
             labels.append((left + 4, top + 14, f"{own_s:.1f} s", 11, _INK))
     return labels
@@ -163,13 +144,6 @@ def grey_tile(counts: npt.NDArray[np.uint16], levels: Levels) -> npt.NDArray[np.
     return np.repeat(np.repeat(shade, enlarge, axis=0), enlarge, axis=1)
 
 
-def _column_times_s(rows: Sequence[SheetRow]) -> list[float]:
-    """Times of the columns: evenly spread over the frames that any sensor has."""
-    times = np.unique(np.concatenate([row.time_s for row in rows])) if rows else np.zeros(0)
-    picks = np.linspace(0, len(times) - 1, min(N_COLUMN, len(times))).round().astype(int)
-    return [float(times[i]) for i in sorted(set(picks.tolist()))]
-
-
 def _nearest(time_s: npt.NDArray[np.float64], columns: Sequence[float]) -> dict[int, int]:
     """For each column, the index of the frame nearest to it, if it is within half the distance to the next column."""
     gaps = np.diff(columns) / 2 if len(columns) > 1 else np.array([0.5])
@@ -182,7 +156,7 @@ def _nearest(time_s: npt.NDArray[np.float64], columns: Sequence[float]) -> dict[
     return shown
 
 
-def _write_png(canvas: npt.NDArray[np.uint8], labels: list[Label], words: str, path: Path) -> None:
+def _with_labels(canvas: npt.NDArray[np.uint8], labels: list[Label]) -> npt.NDArray[np.uint8]:
     import OpenImageIO as oiio
 
     height, width, _ = canvas.shape
@@ -191,8 +165,5 @@ def _write_png(canvas: npt.NDArray[np.uint8], labels: list[Label], words: str, p
     for x, y, text, size, colour in labels:
         # A missing font is no reason to lose the figure.
         oiio.ImageBufAlgo.render_text(image, x, y, text, size, "", colour)
-    image.specmod().attribute("ImageDescription", words)
     image.geterror()
-    with whole_file_by_memory(path) as name:
-        if not image.write(name, "uint8", "png"):
-            raise OSError(f"{path}: cannot be written: {image.geterror()}")
+    return np.asarray(image.get_pixels(oiio.UINT8))

@@ -19,17 +19,18 @@ from typing import Any
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError, printable_lines
 from warpsim.files import check_new_file, whole_file
-from warpsim.output.czml_attitudes import orientations
 from warpsim.output.czml_page import checked_cesium, write_page
 from warpsim.output.czml_parts import (
+    DATE_S,
     MOST_SAMPLES,
     Dates,
     body_span_s,
     czml_dates,
     position_property,
+    sampled_track,
     solid,
 )
-from warpsim.output.czml_samples import DATE_S, sampled_track
+from warpsim.output.czml_targets import light_properties, orientations
 from warpsim.output.czml_views import fields_of_view, lines_of_sight
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
@@ -139,25 +140,19 @@ def _more_of_targets(
     for name, fields in orientations(scenario, dates, with_attitudes, colours):
         more[name] |= fields
     if with_curves:
-        from warpsim.output.czml_curves import light_properties  # Warp is not imported for the rest
-
         for name, properties in light_properties(scenario, dates, with_curves).items():
             more[name] |= {"properties": properties}
     return more
 
 
 def _clock_packet(scenario: Scenario, dates: Dates) -> Any:
-    """The first packet: name, version and clock."""
     from czml3 import CZML_VERSION, Packet
-    from czml3.enums import ClockRanges, ClockSteps
     from czml3.properties import Clock
     from czml3.types import IntervalValue
 
     scene = scenario.scene
     start, end = dates([0.0, scene.duration_s])
-    clock = Clock(
-        currentTime=start, multiplier=10, range=ClockRanges.LOOP_STOP, step=ClockSteps.SYSTEM_CLOCK_MULTIPLIER
-    )
+    clock = Clock(currentTime=start, multiplier=10, range="LOOP_STOP", step="SYSTEM_CLOCK_MULTIPLIER")
     description = escape(printable_lines(scene.description)) or "A scene of warpsim."
     return Packet(
         id=_DOCUMENT, name=scene.name, version=CZML_VERSION, description=description,
@@ -194,9 +189,6 @@ def _body(
     Name and path show where it is named: thirty names at one point hide one another.
     """
     from czml3 import Packet
-    from czml3.enums import HorizontalOrigins
-    from czml3.properties import Color, Label, Path, Point
-    from czml3.types import Cartesian2Value, TimeInterval
 
     span_s, duration_s = body_span_s(scenario, name), scenario.scene.duration_s
     position_m = functools.partial(scenario.position_m, name)
@@ -209,17 +201,17 @@ def _body(
         id=name,
         name=name,
         description=description,
-        availability=TimeInterval(start=first, end=last),
+        availability={"start": first, "end": last},
         position=position_property(pieces, dates),
-        point=Point(color=Color(rgba=colour), pixelSize=8 if is_named else 4, outlineWidth=0),
-        label=Label(
-            text=name, font="12px sans-serif", fillColor=Color(rgba=colour), show=is_named,
-            horizontalOrigin=HorizontalOrigins.LEFT, pixelOffset=Cartesian2Value(values=_LABEL_OFFSET_PX),
-        ),
-        path=Path(
-            material=solid([*colour[:3], 140]), width=1 if colour is _SATELLITE else 2, show=is_named,
-            leadTime=duration_s, trailTime=duration_s, resolution=60,
-        ),
+        point={"color": {"rgba": colour}, "pixelSize": 8 if is_named else 4, "outlineWidth": 0},
+        label={
+            "text": name, "font": "12px sans-serif", "fillColor": {"rgba": colour}, "show": is_named,
+            "horizontalOrigin": "LEFT", "pixelOffset": {"values": _LABEL_OFFSET_PX},
+        },
+        path={
+            "material": solid([*colour[:3], 140]), "width": 1 if colour is _SATELLITE else 2, "show": is_named,
+            "leadTime": duration_s, "trailTime": duration_s, "resolution": 60,
+        },
         **more,
     )  # fmt: skip
     return packet, error_m

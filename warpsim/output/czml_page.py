@@ -99,7 +99,6 @@ def checked_cesium(html: Path | None, cesium: str | os.PathLike[str] | None, ove
 
 
 def _link(path: Path, html: Path) -> str:
-    """A relative URL from the page to a file or folder."""
     return quote(Path(os.path.relpath(path, html.parent)).as_posix())
 
 

@@ -10,8 +10,16 @@ from numpy.typing import NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.orbit.intervals import Intervals
-from warpsim.output.czml_parts import Dates, Span, body_span_s, polyline, position_property
-from warpsim.output.czml_samples import Piece, PositionFunction, sampled_track
+from warpsim.output.czml_parts import (
+    Dates,
+    Piece,
+    PositionFunction,
+    Span,
+    body_span_s,
+    polyline,
+    position_property,
+    sampled_track,
+)
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.sky.apparent import apparent_direction
@@ -81,7 +89,6 @@ def fields_of_view(scenario: Scenario, dates: Dates) -> Iterator[Any]:
     A field is shown while the sensor has access; that of a sensor that never tracks anything always.
     """
     from czml3 import Packet
-    from czml3.types import TimeInterval
 
     duration_s = scenario.scene.duration_s
     for instrument in scenario.instruments.values():
@@ -90,11 +97,8 @@ def fields_of_view(scenario: Scenario, dates: Dates) -> Iterator[Any]:
             shown_s = _shown_s(instrument, index, span_s)
             if not shown_s:
                 continue
-            pieces, (first, last), name = (
-                _corners(scenario, instrument, index, span_s),
-                dates(span_s),
-                f"field/{sensor}",
-            )
+            pieces, name = _corners(scenario, instrument, index, span_s), f"field/{sensor}"
+            first, last = dates(span_s)
             points = [f"{instrument.satellite_names[index]}#position", *(f"{name}/{k}#position" for k in (1, 2, 3, 4))]
             edges = polyline([points[k] for k in _FIELD_EDGES], shown_s, _FIELD, 1.0, dates, duration_s)
             yield Packet(id=name, name=f"field of view of {sensor}", polyline=edges)
@@ -103,7 +107,7 @@ def fields_of_view(scenario: Scenario, dates: Dates) -> Iterator[Any]:
                     id=f"{name}/{k + 1}",
                     name=f"corner {k + 1} of the field of view of {sensor}",
                     parent=name,
-                    availability=TimeInterval(start=first, end=last),
+                    availability={"start": first, "end": last},
                     position=position_property([(time_s, m[:, 3 * k : 3 * k + 3]) for time_s, m in pieces], dates),
                 )
 
@@ -120,7 +124,6 @@ def _commanded_span_s(instrument: Instrument, index: int, duration_s: float) -> 
 
 
 def _shown_s(instrument: Instrument, index: int, span_s: Span) -> list[Span]:
-    """Spans in which the field of view of a sensor is shown [s]."""
     if span_s[0] >= span_s[1]:
         return []
     if not any(len(targets) for _, targets in instrument.program.tracked(index)):

@@ -10,27 +10,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
-from warpsim.output.fits_cube import append_planes, finish_cubes, finish_planes, read_planes
-from warpsim.output.fits_frames import append_frames, read_frames
+from warpsim.output import fits_images, zarr_array
 from warpsim.output.fits_header import Card, Views, image_cards, scene_cards
-from warpsim.output.grey import grey, grey_shape
+from warpsim.output.grey import PREVIEW_FPS, PREVIEW_PX, animation, check_preview, grey, grey_shape
 from warpsim.output.image_files import facts_of, read_image, write_counts, write_signal
-from warpsim.output.preview import PREVIEW_FPS, PREVIEW_PX, animation, check_preview
-from warpsim.output.zarr_array import (
-    append_counts,
-    check_zarr,
-    finish_array,
-    read_zarr_counts,
-    shard_frames,
-    zarr_names,
-)
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 
@@ -79,71 +69,63 @@ class Images:
         return stem
 
 
-class Format(Protocol):
-    """One way of storing images."""
+class Format:
+    """One way of storing images, in files SENSOR_BAND with some ending."""
 
-    @property
-    def plane(self) -> str:
-        """What a run must hand over: counts, or the signal."""
+    plane = "counts"
+    """What a run must hand over: counts, or the signal."""
+    ending = ""
+    """Of the one file of counts, or the folder of an array."""
 
     def check(self) -> None:
         """Check that the format can be written here; InputError where a package is missing."""
 
+    def path(self, folder: Path, images: Images, plane: str = "counts") -> Path:
+        """Return the path of a plane of images: SENSOR_BAND.PLANE with the ending; of counts without PLANE."""
+        return folder / f"{images.stem}{'' if plane == 'counts' else f'.{plane}'}{self.ending}"
+
     def names(self, images: Images) -> list[str]:
         """Files, relative to the folder, parts divided by `/`."""
+        return [f"{images.stem}{self.ending}"]
 
     def n_together(self, images: Images) -> int:
         """Return the number of frames that must be appended at once, but for the last ones."""
+        return 1
 
     def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
         """Append the planes of further frames."""
+        raise NotImplementedError
 
     def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
         """Finish the files of a sensor's images that are all there, in each of its bands."""
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts | None:
         """Images read back, shape (n, row, column); None where the format does not keep them."""
+        return None
 
 
-@dataclass(frozen=True)
-class FitsCubes:
+class _FitsCubes(Format):
     """SENSOR_BAND.fits: a cube of counts; SENSOR_BAND.PLANE.fits of other planes."""
 
-    plane: str = "counts"
-
-    def check(self) -> None:
-        """Do nothing: astropy is always installed."""
-
-    def names(self, images: Images) -> list[str]:
-        """One file."""
-        return [f"{images.stem}.fits"]
-
-    def n_together(self, images: Images) -> int:
-        """Any number."""
-        return 1
+    ending = ".fits"
 
     def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
-        """Append to a cube for each plane."""
         cards = scene_cards(images.scenario.scene, images.instrument, images.sensor, images.band)
         for name, values in planes.items():
-            append_planes(self._path(folder, images, name), values, len(images.frames), _cards_of_plane(cards, name))
+            path = self.path(folder, images, name)
+            fits_images.append_planes(path, values, len(images.frames), _cards_of_plane(cards, name))
 
     def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
-        """Add the table of frames to the cubes of counts."""
         for name in PLANES:
-            paths = [path for of_band in images if (path := self._path(folder, of_band, name)).exists()]
+            paths = [path for of_band in images if (path := self.path(folder, of_band, name)).exists()]
             if name == "counts":
-                finish_cubes(paths, images[0].scenario.scene, views)
+                fits_images.finish_cubes(paths, images[0].scenario.scene, views)
             else:
                 for path in paths:
-                    finish_planes(path)
+                    fits_images.finish_planes(path)
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
-        """Planes of the cube."""
-        return read_planes(self._path(folder, images, "counts"), frames)
-
-    def _path(self, folder: Path, images: Images, plane: str) -> Path:
-        return folder / (f"{images.stem}.fits" if plane == "counts" else f"{images.stem}.{plane}.fits")
+        return fits_images.read_planes(self.path(folder, images), frames)
 
 
 def _cards_of_plane(cards: list[Card], plane: str) -> list[Card]:
@@ -153,63 +135,38 @@ def _cards_of_plane(cards: list[Card], plane: str) -> list[Card]:
     return [*(card for card in cards if card[0] != "BUNIT"), ("HISTORY", PLANES[plane], "")]
 
 
-@dataclass(frozen=True)
-class FitsFrames:
+class _FitsFrames(Format):
     """SENSOR_BAND.frames.fits: an extension for each frame; SENSOR_BAND.PLANE.frames.fits of other planes."""
 
-    plane: str = "counts"
-
-    def check(self) -> None:
-        """Do nothing: astropy is always installed."""
-
-    def names(self, images: Images) -> list[str]:
-        """One file."""
-        return [f"{images.stem}.frames.fits"]
-
-    def n_together(self, images: Images) -> int:
-        """Any number."""
-        return 1
+    ending = ".frames.fits"
 
     def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
-        """Append an extension for each frame, to a file for each plane."""
         scene = images.scenario.scene
         cards = scene_cards(scene, images.instrument, images.sensor, images.band)
         every = list(image_cards(scene, images.band, views))
         for name, values in planes.items():
-            path = folder / (f"{images.stem}.frames.fits" if name == "counts" else f"{images.stem}.{name}.frames.fits")
             own = [_cards_of_plane(of_frame, name) for of_frame in every]
-            append_frames(path, values, views.frames, own, _cards_of_plane(cards, name))
-
-    def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
-        """Do nothing."""
+            path = self.path(folder, images, name)
+            fits_images.append_frames(path, values, views.frames, own, _cards_of_plane(cards, name))
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
-        """Extensions of the file."""
-        return read_frames(folder / f"{images.stem}.frames.fits", frames)
+        return fits_images.read_frames(self.path(folder, images), frames)
 
 
-@dataclass(frozen=True)
-class ImageFiles:
-    """SENSOR_BAND/FRAME.png or the like: a file for each frame and plane."""
+class ImageFiles(Format):
+    """SENSOR_BAND/FRAME.png or the like: a file for each frame and plane.
 
-    endings: Mapping[str, str]
-    """Of the names of the files, by plane."""
+    Args:
+        endings: Of the names of the files, by plane.
+    """
 
-    @property
-    def plane(self) -> str:
-        """The first that has an ending."""
-        return next(iter(self.endings))
-
-    def check(self) -> None:
-        """Do nothing: OpenImageIO is always installed."""
+    def __init__(self, endings: Mapping[str, str]) -> None:
+        self._endings = endings
+        self.plane = next(iter(endings))
 
     def names(self, images: Images) -> list[str]:
         """A file for each frame."""
         return [self._name(images, number, self.plane) for number in images.frames]
-
-    def n_together(self, images: Images) -> int:
-        """Any number."""
-        return 1
 
     def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
         """Write file by file."""
@@ -217,9 +174,6 @@ class ImageFiles:
         for i, cards in enumerate(image_cards(images.scenario.scene, images.band, views)):
             for name, values in planes.items():
                 _write_plane(folder / self._name(images, views.frames[i], name), name, values[i], facts_of(cards))
-
-    def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
-        """Do nothing."""
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
         """Read the files; of a signal, what the detector would count without noise."""
@@ -231,7 +185,7 @@ class ImageFiles:
         return np.clip(np.round(mean), 0, 65535).astype(np.uint16)
 
     def _name(self, images: Images, number: int, plane: str) -> str:
-        return f"{images.stem}/{number:06d}{self.endings[plane]}"
+        return f"{images.stem}/{number:06d}{self._endings[plane]}"
 
 
 def _write_plane(path: Path, name: str, values: npt.NDArray[Any], facts: dict[str, Any]) -> None:
@@ -246,67 +200,54 @@ def _write_plane(path: Path, name: str, values: npt.NDArray[Any], facts: dict[st
         np.save(path, values)
 
 
-@dataclass(frozen=True)
-class ZarrArrays:
+class _ZarrArrays(Format):
     """SENSOR_BAND.zarr: an array of counts, Zarr v3."""
 
-    plane: str = "counts"
+    ending = ".zarr"
 
     def check(self) -> None:
-        """Check for the extra `zarr`."""
-        check_zarr()
+        zarr_array.check_zarr()
 
     def names(self, images: Images) -> list[str]:
-        """The array's shards, and its description."""
-        return zarr_names(f"{images.stem}.zarr", images.shape)
+        return zarr_array.zarr_names(f"{images.stem}.zarr", images.shape)
 
     def n_together(self, images: Images) -> int:
-        """Whole shards."""
-        return shard_frames(images.shape)
+        return zarr_array.shard_frames(images.shape)
 
     def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
-        """Write shard by shard."""
         first = images.frames.index(views.frames[0])
-        append_counts(folder / f"{images.stem}.zarr", images.shape, first, planes["counts"])
+        zarr_array.append_counts(self.path(folder, images), images.shape, first, planes["counts"])
 
     def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
-        """Add what is known of the images."""
         for of_band in images:
             facts = [facts_of(cards) for cards in image_cards(of_band.scenario.scene, of_band.band, views)]
-            finish_array(folder / f"{of_band.stem}.zarr", of_band.shape, facts)
+            zarr_array.finish_array(self.path(folder, of_band), of_band.shape, facts)
 
     def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> Counts:
-        """Planes of the array."""
-        return read_zarr_counts(folder / f"{images.stem}.zarr", frames)
+        return zarr_array.read_zarr_counts(self.path(folder, images), frames)
 
 
-@dataclass(frozen=True)
-class Animations:
-    """SENSOR_BAND.gif or .mp4: an animation in grey, for people."""
+class Animations(Format):
+    """SENSOR_BAND.gif or .mp4: an animation in grey, for people.
 
-    suffix: str
-    step: int = 1
-    """Every so many frame numbers are shown."""
-    plane: str = "counts"
+    Args:
+        ending: .gif or .mp4.
+        step: Every so many frame numbers are shown.
+    """
+
+    def __init__(self, ending: str, step: int = 1) -> None:
+        self.ending, self._step = ending, step
 
     def check(self) -> None:
         """Check for the extra `video`, which MP4 needs."""
-        check_preview(Path(f"preview{self.suffix}"))
-
-    def names(self, images: Images) -> list[str]:
-        """One file."""
-        return [f"{images.stem}{self.suffix}"]
-
-    def n_together(self, images: Images) -> int:
-        """Any number."""
-        return 1
+        check_preview(Path(f"preview{self.ending}"))
 
     def append(self, folder: Path, images: Images, views: Views, planes: Planes) -> None:
         """Keep the small grey images until all are there: an animation cannot be gone on with."""
         levels = images.instrument.levels[images.band]
         with self._grey_path(folder, images).open("ab") as file:
             for number, counts in zip(views.frames, planes["counts"], strict=True):
-                if number % self.step == 0:
+                if number % self._step == 0:
                     file.write(grey(counts, levels, PREVIEW_PX).tobytes())
 
     def finish(self, folder: Path, images: Sequence[Images], views: Views) -> None:
@@ -314,25 +255,21 @@ class Animations:
         for of_band in images:
             shape = grey_shape(of_band.shape[1:], PREVIEW_PX)
             shown = np.fromfile(self._grey_path(folder, of_band), np.uint8).reshape(-1, *shape)
-            with animation(folder / f"{of_band.stem}{self.suffix}", PREVIEW_FPS) as add:
+            with animation(self.path(folder, of_band), PREVIEW_FPS) as add:
                 for image in shown:
                     add(image)
 
-    def counts(self, folder: Path, images: Images, frames: Sequence[int]) -> None:
-        """Return None: grey levels are no counts."""
-        return
-
     def _grey_path(self, folder: Path, images: Images) -> Path:
-        return folder / f"{images.stem}{self.suffix}.grey"
+        return folder / f"{images.stem}{self.ending}.grey"
 
 
 FORMATS: dict[str, Format] = {
-    "fits": FitsCubes(),
-    "fits-frames": FitsFrames(),
+    "fits": _FitsCubes(),
+    "fits-frames": _FitsFrames(),
     "tiff": ImageFiles({"counts": ".tif"}),
     "png": ImageFiles({"counts": ".png"}),
     "exr": ImageFiles({"signal_w_cm2": ".exr"}),
-    "zarr": ZarrArrays(),
+    "zarr": _ZarrArrays(),
 }
 PREVIEWS: dict[str, Format] = {"gif": Animations(".gif"), "mp4": Animations(".mp4")}
 

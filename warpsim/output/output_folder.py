@@ -1,9 +1,9 @@
 """The folder of a run or a data set: one lock, checkpoint records, a manifest, and nothing of others ever touched.
 
 Work is divided into shards: a sensor of a run, some sequences of a data set. The files of a shard are made in a folder
-below PARTS; complete, they are planned, moved to their final paths, and recorded with their checksums. The manifest
-comes last. So a folder whose run was killed at any moment holds no half file under a final name, and the same command
-makes what has no valid record.
+below PARTS; complete, they are recorded with their checksums and moved to their final paths. The manifest comes last.
+So a folder whose run was killed at any moment holds no half file under a final name, and the same command makes what
+has no record, or not all of its files.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import json
 import os
 import shutil
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -32,26 +32,23 @@ PARTS = ".warpsim-parts"
 RUN = "run.json"
 """In PARTS: the run that the folder is locked for."""
 
-CHECKPOINTS, PLANNED, WORK, GROWING = "checkpoints", "planned", "work", "growing"
-"""Folders there: checkpoint records of shards, names of files to come, incomplete files, and those that grow."""
+FINISH = "finish.json"
+"""There: names of the files to come that describe all shards."""
+
+CHECKPOINTS, WORK, GROWING = "checkpoints", "work", "growing"
+"""Folders there: checkpoint records of shards, incomplete files, and those that grow."""
 
 MANIFEST = "manifest.json"
-FINISH = ""
-"""In place of a shard's name: the plan of the files that describe all shards."""
 
 LEAST_FREE_BYTES = 2**20
 """A disk with less room is full."""
 
 CheckpointRecord = dict[str, Any]
-"""What is known of a complete shard: key, shard, files with their checksums, and more facts."""
+"""What is known of a shard: key, shard, files with their checksums, and more facts."""
 
 
 class Job(Protocol):
     """What is written into a folder."""
-
-    @property
-    def shard_names(self) -> list[str]:
-        """All shards, in order."""
 
     @property
     def claimed_names(self) -> list[str]:
@@ -64,7 +61,7 @@ class Job(Protocol):
         """Write the shards without a record, and add their records."""
 
     def finish(self, folder: OutputFolder, records: dict[str, CheckpointRecord]) -> dict[str, Any]:
-        """Write the files that describe all shards, planned as FINISH; return the manifest."""
+        """Write the files that describe all shards, once they are planned; return the manifest."""
 
 
 @dataclass(frozen=True)
@@ -93,10 +90,6 @@ class OutputFolder:
     def checkpoint_path(self, shard: str) -> Path:
         """Path of the checkpoint record of a shard."""
         return self.parts / CHECKPOINTS / f"{shard}.json"
-
-    def planned_path(self, shard: str) -> Path:
-        """Path of the list of planned files, by which a later run knows them."""
-        return self.parts / (f"{PLANNED}/{shard}.json" if shard else "finish.json")
 
     def growing_path(self, shard: str) -> Path:
         """Folder of the files of a shard that grow; of this very run."""
@@ -133,17 +126,6 @@ class OutputFolder:
         records = {"": manifest["files"], **{name: record["files"] for name, record in shards.items()}}
         return all(which_match(self.path, records).values())
 
-    def check_current(self) -> dict[str, Any]:
-        """Return the record of the run that the folder is locked for.
-
-        Raises:
-            OSError: It is another one, or none: a late worker has nothing to do here any more.
-        """
-        record = read_json(self.parts / RUN)
-        if not has_key(record, self.key):
-            raise OSError(f"{self.path}: no longer belongs to this run")
-        return dict(record)
-
     @contextlib.contextmanager
     def scratch(self, shard: str) -> Iterator[Path]:
         """Make a folder of this process for the incomplete files of a shard; remove it at last."""
@@ -166,37 +148,39 @@ class OutputFolder:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path)) from error
             raise
 
-    def move_in(self, shard: str, scratch: Path, names: Iterable[str]) -> CheckpointRecord:
-        """Give the complete files of a shard their final paths; return its record, which is still to be written.
+    def move_in(self, shard: str, scratch: Path, names: Sequence[str], **facts: Any) -> CheckpointRecord:
+        """Give the complete files of a shard their final paths; return its record, with more facts, which is written.
+
+        The record comes first: by it a later run knows the files, however many have their paths by then.
 
         Raises:
             InputError: One of the paths is taken by a file of somebody else, or leads through a link.
             OSError: The run is over, or the files cannot be moved.
         """
-        names = list(names)
         checksums = {name: sha256_of(scratch / name) for name in names}
         n_byte = sum((scratch / name).stat().st_size for name in names)
-        self.check_current()
-        paths = (self.planned_path(shard), self.checkpoint_path(shard), self.planned_path(FINISH))
-        records = [read_json(path) for path in paths]
+        current_record(self.path, self.key)
+        records = [read_json(path) for path in (self.checkpoint_path(shard), self.parts / FINISH)]
         known = {name for record in records if is_record(record) for name in record["files"]}
         for name in names:
             check_no_link(*(self.path / folder for folder in Path(name).parents if folder != Path()))
             if name not in known and (self.path / name).exists():
                 raise InputError("is there already, and warpsim did not write it").of(self.path / name)
-        self.plan(shard, checksums)
+        record = {"key": self.key, "shard": shard, "files": checksums, "bytes": n_byte, **facts}
+        self._write_record(record)
         for name in names:
             (self.path / name).parent.mkdir(parents=True, exist_ok=True)
             (scratch / name).replace(self.path / name)
-        return {"key": self.key, "shard": shard, "files": checksums, "bytes": n_byte}
+        return record
 
-    def plan(self, shard: str, files: dict[str, Any]) -> None:
-        """Write down which files are about to get their names."""
-        _write_record({"key": self.key, "files": files}, self.planned_path(shard))
+    def plan_finish(self, files: dict[str, Any]) -> None:
+        """Write down which files that describe all shards are about to be written."""
+        write_json({"key": self.key, "files": files}, self.parts / FINISH, lasting=True)
 
-    def write_record(self, record: CheckpointRecord) -> None:
-        """Write the checkpoint record of a shard whose files have their final paths."""
-        _write_record(record, self.checkpoint_path(record["shard"]))
+    def _write_record(self, record: CheckpointRecord) -> None:
+        path = self.checkpoint_path(record["shard"])
+        path.parent.mkdir(exist_ok=True)  # not its parents: without them the run is over
+        write_json(record, path, lasting=True)
 
     @contextlib.contextmanager
     def _locked_for(self, job: Job, claimed: list[str], overwrite: bool) -> Iterator[dict[str, CheckpointRecord]]:
@@ -207,7 +191,7 @@ class OutputFolder:
                 self._make_room(claimed, overwrite)
                 write_json({"key": self.key, "files": {}, **self.identity}, self.parts / RUN, lasting=True)
                 self._take_up_manifest(job)
-                yield self._checkpoints(job.shard_names)
+                yield self._checkpoints()
             except BaseException:
                 if not self._has_begun():
                     with contextlib.suppress(OSError):  # it must not hide the reason
@@ -225,8 +209,7 @@ class OutputFolder:
 
     def _make_room(self, claimed: list[str], overwrite: bool) -> None:
         """Make room: remove a different run, if requested, never foreign files."""
-        paths = [self.manifest_path, self.parts / RUN, self.planned_path(FINISH)]
-        paths += [path for folder in (CHECKPOINTS, PLANNED) for path in (self.parts / folder).glob("*.json")]
+        paths = [self.manifest_path, self.parts / RUN, self.parts / FINISH, *self.parts.glob(f"{CHECKPOINTS}/*.json")]
         runs = [record for record in map(read_json, paths) if is_record(record)]
         others = [run for run in runs if run["key"] != self.key]
         theirs = [name for run in others for name in _names(run)]
@@ -238,7 +221,7 @@ class OutputFolder:
             kind = "data set" if "recipe" in self.identity else "run"
             raise InputError(
                 f"holds a different {kind} ({differs or 'other inputs, device or versions'}); choose another folder or "
-                "pass --overwrite",
+                "pass --overwrite"
             ).of(self.path)
         self._check_foreign(claimed, {name for run in runs for name in _names(run)} | ({MANIFEST} if runs else set()))
         if not (runs or self._journals()):
@@ -280,22 +263,22 @@ class OutputFolder:
         if not has_key(manifest, self.key):
             return
         for record in job.records_of(self, manifest).values():
-            self.write_record(record)
+            self._write_record(record)
         # Without the manifest nothing else knows of the files that describe all shards.
-        self.plan(FINISH, manifest["files"])
+        self.plan_finish(manifest["files"])
         self.manifest_path.unlink()
 
-    def _checkpoints(self, shards: list[str]) -> dict[str, CheckpointRecord]:
+    def _checkpoints(self) -> dict[str, CheckpointRecord]:
         """Return the records of the shards whose files are there and undamaged."""
-        found = {name: read_json(self.checkpoint_path(name)) for name in shards}
-        found = {name: record for name, record in found.items() if has_key(record, self.key)}
+        records = map(read_json, self.parts.glob(f"{CHECKPOINTS}/*.json"))
+        found = {record["shard"]: record for record in records if has_key(record, self.key)}
         whole = which_match(self.path, {name: record["files"] for name, record in found.items()})
         return {name: record for name, record in found.items() if whole[name]}
 
     def _has_begun(self) -> bool:
         """Return whether anything is there that a later run can go on from."""
-        recorded = any(any((self.parts / name).glob("*.json")) for name in (CHECKPOINTS, PLANNED))
-        return recorded or self.planned_path(FINISH).exists() or bool(self._journals())
+        recorded = any(self.parts.glob(f"{CHECKPOINTS}/*.json"))
+        return recorded or (self.parts / FINISH).exists() or bool(self._journals())
 
     def _journals(self) -> list[Path]:
         """Return the journals of growing files, of any run, that hold something."""
@@ -309,9 +292,16 @@ class OutputFolder:
                     clear(self.parts)
 
 
-def _write_record(record: dict[str, Any], path: Path) -> None:
-    path.parent.mkdir(exist_ok=True)  # not its parents: without them the run is over
-    write_json(record, path, lasting=True)
+def current_record(folder: Path, key: str) -> dict[str, Any]:
+    """Return the record of the run that a folder is locked for, which must have this key.
+
+    Raises:
+        OSError: It is another one, or none: a late worker has nothing to do here any more.
+    """
+    record = read_json(folder / PARTS / RUN)
+    if not has_key(record, key):
+        raise OSError(f"{folder}: no longer belongs to this run")
+    return dict(record)
 
 
 def _names(run: dict[str, Any]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from warpsim.arguments import chosen_names
 from warpsim.detector.artifacts import has_artifacts
 from warpsim.detector.detectors import has_maps
 from warpsim.errors import InputError
-from warpsim.output.formats import FORMATS, Format, Images, chosen_formats
+from warpsim.output.formats import Format, Images, chosen_formats
 from warpsim.output.output_folder import MANIFEST, PARTS
 from warpsim.render.renderer import Renderer
 from warpsim.render.request import checked_frames
@@ -36,11 +36,11 @@ class RunPlan:
     """Frames of each sensor: those asked for in which it has access."""
     identity: dict[str, Any]
     """All that the files depend on."""
-    tables: tuple[str, ...] = ("truth",)
+    tables: tuple[str, ...]
     """Tables beside the images: "truth" (targets), "stars" when requested, "artifacts" where detectors have any."""
-    formats: dict[str, Format] = field(default_factory=lambda: {name: FORMATS[name] for name in USUAL_FORMATS})
+    formats: dict[str, Format]
     """How images are stored, by name."""
-    without_access: tuple[str, ...] = ()
+    without_access: tuple[str, ...]
     """Sensors that were named, and have no access in these frames."""
 
     @property
@@ -52,6 +52,10 @@ class RunPlan:
     def bands(self) -> list[str]:
         """All bands."""
         return list(dict.fromkeys(band for bands in self.bands_of.values() for band in bands))
+
+    def bands_of_kind(self, instrument: Instrument) -> list[str]:
+        """Bands of the sensors of a kind."""
+        return next(self.bands_of[sensor] for sensor in self.frames_of if sensor in instrument.names)
 
     @property
     def instruments(self) -> dict[str, Instrument]:
@@ -65,16 +69,11 @@ class RunPlan:
         return [f"{table}.fits" for table in self.tables]
 
     @property
-    def names(self) -> list[str]:
-        """Names of all files of the finished run but the manifest, relative to its folder."""
-        images = [name for sensor in self.frames_of for name in self.image_names(sensor)]
-        return [*images, *self.table_names, SHEET]
-
-    @property
     def claimed_names(self) -> list[str]:
-        """Files and folders that must be the run's own."""
-        arrays = {name.partition("/")[0] for name in self.names if ".zarr/" in name}
-        return [*self.names, *sorted(arrays), MANIFEST]
+        """All files, relative to the folder, and the folders of arrays: they must be the run's own."""
+        images = [name for sensor in self.frames_of for name in self.image_names(sensor)]
+        arrays = {name.partition("/")[0] for name in images if ".zarr/" in name}
+        return [*images, *self.table_names, SHEET, *sorted(arrays), MANIFEST]
 
     def images_of(self, sensor: str) -> list[Images]:
         """The images of a sensor, band by band."""
@@ -135,12 +134,22 @@ def make_plan(
             "not, --every-frame renders all the same",
             "frames",
         )
-    kinds = (scenario.instrument_of(sensor).sensor.detector for sensor in frames_of)
-    own = ("artifacts",) if any(map(has_artifacts, kinds)) else ()
+    kinds = [scenario.instrument_of(sensor).sensor for sensor in frames_of]
+    own = ("artifacts",) if any(has_artifacts(kind.detector) for kind in kinds) else ()
     tables = ("truth", *(("stars",) if stars else ()), *own)
     without = () if sensors is None else tuple(sensor for sensor in bands_of if sensor not in frames_of)
     bands_of = {sensor: bands_of[sensor] for sensor in frames_of}
-    identity = _identity(renderer, bands_of, frames_of, tables, tuple(chosen))
+    identity = {
+        "scene": scenario.scene.to_dict(),
+        "frames": frames_of,
+        "bands_of": bands_of,
+        "formats": list(chosen),
+        "tables": list(tables),
+        "inputs": input_checksums(scenario),
+        "catalogs": {name: renderer.catalog_of(name).checksum for name in dict.fromkeys(kind.name for kind in kinds)},
+        "processor": "cuda" if renderer.device.is_cuda else "cpu",
+        "warpsim": __version__,
+    }
     return RunPlan(scenario, bands_of, frames_of, identity, tables, chosen, without)
 
 
@@ -171,26 +180,3 @@ def _frame_numbers(renderer: Renderer, instrument: Instrument, frames: Sequence[
         raise InputError(f"must name at least one; the scene has 0 to {instrument.frames.count - 1}", "frames")
     # Frames of a cube and files of a run are written once each, however often they are named.
     return list(dict.fromkeys(numbers))
-
-
-def _identity(
-    renderer: Renderer,
-    bands_of: dict[str, list[str]],
-    frames_of: dict[str, list[int]],
-    tables: tuple[str, ...],
-    formats: tuple[str, ...],
-) -> dict[str, Any]:
-    """Return all that the files of a run depend on, as plain values."""
-    scenario = renderer.scenario
-    kinds = dict.fromkeys(scenario.instrument_of(sensor).sensor.name for sensor in frames_of)
-    return {
-        "scene": scenario.scene.to_dict(),
-        "frames": frames_of,
-        "bands_of": bands_of,
-        "formats": list(formats),
-        "tables": list(tables),
-        "inputs": input_checksums(scenario),
-        "catalogs": {kind: renderer.catalog_of(kind).checksum for kind in kinds},
-        "processor": "cuda" if renderer.device.is_cuda else "cpu",
-        "warpsim": __version__,
-    }

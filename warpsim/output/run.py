@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from platform import python_version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,17 +16,16 @@ from warpsim.detector.detectors import detector_terms, has_maps
 from warpsim.errors import InputError
 from warpsim.files import sha256_of, whole_file, write_fits_table
 from warpsim.output.calibration import write_maps
-from warpsim.output.check import pointing_warning
 from warpsim.output.check_background import earth_warning
+from warpsim.output.check_pointing import pointing_warning
 from warpsim.output.checkpoints import files_match
-from warpsim.output.contact_sheet import SheetRow, draw_contact_sheet
+from warpsim.output.contact_sheet import draw_contact_sheet
 from warpsim.output.fits_header import Views
 from warpsim.output.formats import Images
 from warpsim.output.growing import GrowingFiles
-from warpsim.output.joined_tables import joined_tables
-from warpsim.output.manifest import left_out_rows, made_with, response_facts
-from warpsim.output.output_folder import FINISH, PARTS, CheckpointRecord, OutputFolder
+from warpsim.output.output_folder import PARTS, CheckpointRecord, OutputFolder
 from warpsim.output.plan import SHEET, USUAL_FORMATS, RunPlan, make_plan, maps_name, part_name
+from warpsim.output.summary import joined_tables, left_out_rows, package_versions, response_facts
 from warpsim.output.wording import progress_bar
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
@@ -34,6 +34,7 @@ from warpsim.scene.provenance import provenance
 from warpsim.scene.roster import some_names
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
+from warpsim.version import __version__
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -132,7 +133,8 @@ def render_to_folder(
     output = OutputFolder(Path(folder), plan.identity)
     run = Run(plan, renderer, progress, sheet)
     output.write(run, overwrite)
-    warnings = [warn(renderer.scenario, plan.frames_of) for warn in (pointing_warning, earth_warning)]
+    kinds = plan.scenario.instruments.values()
+    warnings = pointing_warning(kinds, plan.frames_of), earth_warning(plan.scenario, plan.frames_of)
     return RunReport(
         output.path,
         len(plan.frames_of),
@@ -157,11 +159,6 @@ class Run:
     n_image_rendered: int = 0
     render_s: float = 0.0
     """Time spent rendering."""
-
-    @property
-    def shard_names(self) -> list[str]:
-        """The sensors."""
-        return list(self.plan.frames_of)
 
     @property
     def claimed_names(self) -> list[str]:
@@ -231,9 +228,8 @@ class Run:
         if has_maps(images[0].instrument.sensor.detector):
             write_maps(growing.path / maps_name(sensor), plan.scenario, sensor, plan.bands_of[sensor])
         parts = sorted(path.relative_to(growing.path).as_posix() for path in growing.path.rglob("*.fits"))
-        names = [*plan.image_names(sensor), *(name for name in parts if name.startswith(PARTS))]
-        record = folder.move_in(sensor, growing.path, names)
-        folder.write_record(record)
+        tables = [name for name in parts if name.startswith(PARTS)]  # first: images that are there have their truth
+        record = folder.move_in(sensor, growing.path, [*tables, *plan.image_names(sensor)])
         growing.remove()
         return record
 
@@ -258,7 +254,7 @@ class Run:
 
         plan = self.plan
         names = [*plan.table_names, SHEET]
-        folder.plan(FINISH, dict.fromkeys(names))
+        folder.plan_finish(dict.fromkeys(names))
         joined = {}
         for table in plan.tables:
             home = part_name("", table, 0).rpartition("/")[0]
@@ -274,37 +270,32 @@ class Run:
 
     def _draw_sheet(self, folder: Path, truth: Table) -> None:
         plan = self.plan
-        shown = {kind: _best_band(plan, instrument, truth) for kind, instrument in plan.instruments.items()}
-        kinds = {sensor: plan.scenario.instrument_of(sensor) for sensor in plan.frames_of}
+        best = {kind: _best_band(plan, instrument, truth) for kind, instrument in plan.instruments.items()}
+        bands = {sensor: best[plan.scenario.instrument_of(sensor).sensor.name] for sensor in plan.frames_of}
+        rows = [Images(plan.scenario, sensor, band, plan.frames_of[sensor]) for sensor, band in bands.items()]
 
-        def planes(sensor: str, frames: list[int]) -> npt.NDArray[np.uint16]:
-            band = shown[kinds[sensor].sensor.name]
-            (images,) = (images for images in plan.images_of(sensor) if images.band == band)
-            read = (form.counts(folder, images, frames) for form in plan.formats.values())
+        def planes(row: Images, frames: list[int]) -> npt.NDArray[np.uint16]:
+            read = (form.counts(folder, row, frames) for form in plan.formats.values())
             return next(counts for counts in read if counts is not None)
 
-        def places(sensor: str, frames: list[int]) -> list[npt.NDArray[np.float64]]:
-            band = shown[kinds[sensor].sensor.name]
+        def places(row: Images, frames: list[int]) -> list[npt.NDArray[np.float64]]:
             lit = np.ma.filled(truth["irradiance_w_cm2"], 0.0) > 0  # columns that not all kinds have are masked
-            own = truth[(truth["sensor"] == sensor) & (truth["band"] == band) & lit]
+            own = truth[(truth["sensor"] == row.sensor) & (truth["band"] == row.band) & lit]
             xy_px = np.stack([np.asarray(own[name], np.float64) for name in ("x_px", "y_px")], axis=1)
             there = np.isfinite(xy_px).all(axis=1)  # behind a camera there is no place
             return [xy_px[there & (np.asarray(own["frame"]) == frame)] for frame in frames]
 
-        rows = [
-            SheetRow(sensor, kind, shown[kind.sensor.name], plan.frames_of[sensor]) for sensor, kind in kinds.items()
-        ]
-        draw_contact_sheet(
-            plan.scenario.scene, rows, planes, folder / SHEET, places if self.sheet == "targets" else None
-        )
+        marks = places if self.sheet == "targets" else None
+        draw_contact_sheet(plan.scenario.scene, rows, planes, folder / SHEET, marks)
 
     def _manifest(self, key: str, checksums: dict[str, str]) -> dict[str, Any]:
-        """Manifest: files, inputs and versions."""
         plan, device = self.plan, self.renderer.device
         tracks = plan.scenario.tracks
         return {
             "key": key,
-            **made_with(),
+            "warpsim": __version__,
+            "packages": package_versions(),
+            "python": python_version(),
             "device": {"name": device.name, "alias": str(device)},
             "provenance": provenance(plan.scenario.scene),
             "bands": plan.bands,
@@ -325,13 +316,12 @@ def _best_band(plan: RunPlan, instrument: Instrument, truth: Table) -> str:
     """The band of a kind of sensor in which the targets stand out most."""
     own = np.isin(np.asarray(truth["sensor"]).astype(str), instrument.names)
     names, snr = np.asarray(truth["band"]).astype(str)[own], np.asarray(truth["snr"])[own]
-    bands = next(plan.bands_of[sensor] for sensor in plan.frames_of if sensor in instrument.names)
-    return max(bands, key=lambda band: np.max(snr[names == band], initial=0.0))
+    return max(plan.bands_of_kind(instrument), key=lambda band: np.max(snr[names == band], initial=0.0))
 
 
 def _sensor_facts(plan: RunPlan, renderer: Renderer, instrument: Instrument) -> dict[str, Any]:
     """Facts of a kind of sensor for the manifest: light, noise, and quadrature over the exposure."""
-    bands = next(plan.bands_of[sensor] for sensor in plan.frames_of if sensor in instrument.names)
+    bands = plan.bands_of_kind(instrument)
     facts: dict[str, Any] = {
         "bands": bands,
         "light_terms": {name: term.reason for name, term in instrument.light_terms.items()},

@@ -22,37 +22,28 @@ def progress_bar(total: int, requested: bool, noun: str) -> Iterator[Callable[[i
     """
     if not requested:
         yield lambda n: None
-    elif not sys.stderr.isatty():
-        yield _Lines(total, noun).advance
-    else:
-        from astropy.utils.console import ProgressBar
+        return
+    done, begin_s = 0, time.monotonic()
+    last_s = begin_s
+    with contextlib.ExitStack() as stack:
+        bar = None
+        if sys.stderr.isatty():
+            from astropy.utils.console import ProgressBar
 
-        with ProgressBar(total, file=sys.stderr) as bar:
-            done = 0
+            bar = stack.enter_context(ProgressBar(total, file=sys.stderr))
 
-            def advance(n: int) -> None:
-                nonlocal done
-                done += n
+        def advance(n: int) -> None:
+            nonlocal done, last_s
+            done += n
+            now_s = time.monotonic()
+            if bar is not None:
                 bar.update(done)
+            elif now_s - last_s >= LINE_EVERY_S:
+                last_s = now_s
+                part = f"{done:,} of {total:,} {noun} ({100 * done // total} %)"
+                print(f"{part} after {now_s - begin_s:.0f} s", file=sys.stderr, flush=True)
 
-            yield advance
-
-
-class _Lines:
-    """Lines of progress for a log."""
-
-    def __init__(self, total: int, noun: str) -> None:
-        self._total, self._noun, self._done = total, noun, 0
-        self._begin_s = self._last_s = time.monotonic()
-
-    def advance(self, n: int) -> None:
-        """Count some steps, and print a line if the last one is long ago."""
-        self._done += n
-        now_s = time.monotonic()
-        if now_s - self._last_s >= LINE_EVERY_S:
-            self._last_s = now_s
-            part = f"{self._done:,} of {self._total:,} {self._noun} ({100 * self._done // self._total} %)"
-            print(f"{part} after {now_s - self._begin_s:.0f} s", file=sys.stderr, flush=True)
+        yield advance
 
 
 def counted(n: int | np.integer, noun: str, several: str = "") -> str:

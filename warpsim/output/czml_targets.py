@@ -1,7 +1,8 @@
-"""Attitudes of targets for Cesium: rotations from body to Earth-fixed axes, sampled so that slerp follows them.
+"""What packets of targets have in CZML besides positions: attitudes, with solids, and curves of their light.
 
-Cesium turns linearly between two samples, along the shorter way, and takes rotations below 0.16 degrees from one to the
-next for none. So samples are as far apart as the error allows, and the error is not smaller than that.
+Attitudes are rotations from body to Earth-fixed axes, sampled so that slerp follows them: Cesium turns linearly between
+two samples, along the shorter way, and takes rotations below 0.16 degrees from one to the next for none. So samples are
+as far apart as the error allows, and the error is not smaller than that.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.instant import Epoch
 from warpsim.orbit.earth import itrs_to_gcrs
-from warpsim.output.czml_parts import MOST_SAMPLES, Dates, Span, body_span_s
+from warpsim.output.czml_parts import MOST_SAMPLES, Dates, Span, body_span_s, solid
+from warpsim.output.czml_views import within
 from warpsim.quaternion import conjugate, from_matrix, in_one_hemisphere, product, rotation_between_rad, slerp
 from warpsim.scene.attitudes import AnyAttitude
+from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.target.areas import top_radius_m
 from warpsim.target.attitude import BodyMotion
@@ -43,6 +46,14 @@ _MOST_CUT = 16  # parts that a step is cut into at a time
 _TIME_DECIMALS, _DECIMALS = 6, 7
 _PLATE_M = 1e-3  # thickness of a plate as drawn
 
+MOST_FRAMES = 1000
+"""Frames of a sensor during access that curves have; of more, every second, third, ..."""
+
+_LIGHT_DIGITS = 6
+
+
+# --- attitudes ---
+
 
 def orientations(
     scenario: Scenario, dates: Dates, names: Sequence[str], colours: Mapping[str, list[int]]
@@ -54,7 +65,6 @@ def orientations(
     """
     if not names:
         return
-    from czml3.enums import InterpolationAlgorithms
     from czml3.properties import Orientation
 
     (epoch,) = dates([0.0])
@@ -72,7 +82,7 @@ def orientations(
         orientation = Orientation(
             epoch=epoch,
             unitQuaternion=np.column_stack([time_s, np.round(quaternion, _DECIMALS)]).ravel().tolist(),
-            interpolationAlgorithm=InterpolationAlgorithms.LINEAR,
+            interpolationAlgorithm="LINEAR",
             interpolationDegree=1,
         )
         yield name, {"orientation": orientation, **_solid_of(scenario.targets[number].spec.shape, colours[name])}
@@ -95,7 +105,6 @@ def earth_rotation(epoch: Epoch, duration_s: float) -> QuaternionAt:
 
 
 def _earth_fixed(attitude: AnyAttitude, earth: QuaternionAt, time_s: F64) -> F64:
-    """Rotations from body to Earth-fixed axes, (n, 4)."""
     return product(conjugate(earth(time_s)), attitude.at(time_s))
 
 
@@ -173,27 +182,67 @@ def _off_rad(at: QuaternionAt, time_s: F64, turned: F64, first: NDArray[np.int64
 
 def _solid_of(shape: Any, colour: list[int]) -> dict[str, Any]:
     """The field of a packet that draws a shape in its body's axes; none of a mesh."""
-    from czml3.properties import (
-        Box,
-        BoxDimensions,
-        Color,
-        Cylinder,
-        Ellipsoid,
-        EllipsoidRadii,
-        Material,
-        SolidColorMaterial,
-    )
-    from czml3.types import Cartesian3Value
-
-    material = Material(solidColor=SolidColorMaterial(color=Color(rgba=colour)))
-    style = {"material": material, "outline": True, "outlineColor": Color(rgba=[40, 40, 40, 255])}
+    style = {"material": solid(colour), "outline": True, "outlineColor": {"rgba": [40, 40, 40, 255]}}
     if shape.kind == "mesh":
         return {}
     if shape.kind == "sphere":
-        radii = EllipsoidRadii(cartesian=Cartesian3Value(values=[shape.radius_m] * 3))
-        return {"ellipsoid": Ellipsoid(radii=radii, **style)}
+        return {"ellipsoid": {"radii": {"cartesian": {"values": [shape.radius_m] * 3}}, **style}}
     if shape.kind == "plate":
-        size = BoxDimensions(cartesian=Cartesian3Value(values=[shape.width_m, shape.length_m, _PLATE_M]))
-        return {"box": Box(dimensions=size, **style)}
+        return {"box": {"dimensions": {"cartesian": {"values": [shape.width_m, shape.length_m, _PLATE_M]}}, **style}}
     radii_m = {"topRadius": top_radius_m(shape), "bottomRadius": shape.radius_m}
-    return {"cylinder": Cylinder(length=shape.height_m, **radii_m, **style)}
+    return {"cylinder": {"length": shape.height_m, **radii_m, **style}}
+
+
+# --- curves of light ---
+
+
+def light_properties(scenario: Scenario, dates: Dates, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return properties "irradiance_w_cm2/SENSOR/BAND" of targets by name: samples at the sensor's frames [W/cm2].
+
+    They are there while the sensor has access and the target exists, an interval for each access, linear within it.
+
+    Raises:
+        InputError: They would be more than MOST_SAMPLES samples.
+    """
+    from warpsim.render.light_curves import light_curves  # Warp is not imported for the rest
+
+    found: dict[str, dict[str, Any]] = {name: {} for name in names}
+    views = list(_views(scenario))
+    n_sample = sum(len(time_s) * len(instrument.bands) for instrument, _, time_s in views) * len(names)
+    if n_sample > MOST_SAMPLES:
+        raise InputError(f"take {n_sample} samples, more than {MOST_SAMPLES}: choose fewer targets", "curves")
+    for instrument, index, time_s in views:
+        sensor = instrument.names[index]
+        curves = light_curves(scenario, time_s, [sensor], list(names))
+        for number, name in enumerate(names):
+            for band, own in zip(curves.bands, curves.irradiance_w_cm2[:, 0, :, number].T, strict=True):
+                pieces = _pieces(scenario, instrument, index, name, time_s, own, dates)
+                if pieces:
+                    found[name][f"irradiance_w_cm2/{sensor}/{band}"] = pieces[0] if len(pieces) == 1 else pieces
+    return found
+
+
+def _views(scenario: Scenario) -> Iterator[tuple[Instrument, int, F64]]:
+    """Sensors with a frame during access, as kind and index, with the times of these frames, MOST_FRAMES at most."""
+    for instrument in scenario.instruments.values():
+        all_s = instrument.frame_time_s(np.arange(instrument.frames.count))
+        for index in range(len(instrument.names)):
+            seen_s = all_s[instrument.has_access(index, all_s)]
+            if len(seen_s):
+                yield instrument, index, seen_s[:: -(-len(seen_s) // MOST_FRAMES)]
+
+
+def _pieces(
+    scenario: Scenario, instrument: Instrument, index: int, name: str, time_s: F64, light_w_cm2: F64, dates: Dates
+) -> list[dict[str, Any]]:
+    """A curve as sampled numbers, in an interval for each access with a frame."""
+    (epoch,) = dates([0.0])
+    pieces = []
+    for span_s in within(instrument.access, index, body_span_s(scenario, name)):
+        chosen = (time_s >= span_s[0]) & (time_s <= span_s[1])
+        if chosen.any():
+            numbers = np.column_stack([time_s[chosen], light_w_cm2[chosen]]).tolist()
+            numbers = [value for time, light in numbers for value in (time, float(f"{light:.{_LIGHT_DIGITS}g}"))]
+            start, end = dates(span_s)
+            pieces.append({"interval": f"{start}/{end}", "epoch": epoch, "number": numbers})
+    return pieces

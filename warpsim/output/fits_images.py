@@ -1,10 +1,14 @@
-"""FITS cubes: one per sensor and band, with a table of each frame's time and WCS.
+"""FITS files of the images of a sensor and band: cubes, and files with an image extension for each frame.
 
-Primary HDU: counts, axes (frame, row, column) in NumPy order, row 0 the top row of the image. Extension FRAMES: one
-row per plane with FRAME (number), TIME_S (after the epoch), DATE_OBS (UTC), the TAN keywords CRVAL1 ... CD2_2 of
-the plane's apparent sky, UP_REPLACED, BORESIGHT_REPLACED, SLEWING where cameras slew, and the sensor's state, POS_X ...
-QUAT_W; its header has the axis types and the SIP polynomials of a distorted camera. `read_cube(path).wcs(plane)` makes
-an astropy WCS of them.
+Cubes: the primary HDU has counts, axes (frame, row, column) in NumPy order, row 0 the top row of the image. Extension
+FRAMES: one row per plane with FRAME (number), TIME_S (after the epoch), DATE_OBS (UTC), the TAN keywords CRVAL1 ...
+CD2_2 of the plane's apparent sky, UP_REPLACED, BORESIGHT_REPLACED, SLEWING where cameras slew, and the sensor's state,
+POS_X ... QUAT_W; its header has the axis types and the SIP polynomials of a distorted camera.
+`read_cube(path).wcs(plane)` makes an astropy WCS of them.
+
+Files of frames, for viewers that know no table of WCS: the primary HDU has no data and the keywords of all images.
+Extension FRAME000060 holds frame 60, row 0 the top row, and in its header all that is known of it: the same keywords,
+its time, its WCS, and the sensor's state. The file only grows, a whole number of blocks for each frame.
 """
 
 from __future__ import annotations
@@ -69,21 +73,48 @@ def append_planes(path: Path, planes: npt.NDArray[Any], n_frame: int, cards: Seq
         n_frame: Length of the first axis in the end.
         cards: Keywords beyond those of the array's form.
     """
-    from astropy.io import fits
-
-    stored = stored_planes(planes)
+    stored = _stored_planes(planes)
     with naming(path), path.open("ab") as file:
         if file.tell() == 0:
-            header = fits.Header([fits.Card(*card) for card in form_cards(planes.dtype, planes.shape[1:], n_frame)])
-            header.extend([fits.Card(*card) for card in cards], strip=False)
-            file.write(header.tostring().encode("ascii"))
+            file.write(_header([*_form_cards(planes.dtype, planes.shape[1:], n_frame), *cards]))
         file.write(stored.data)
 
 
-def stored_planes(planes: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return uint16 or float32 numbers as FITS stores them; InputError for others."""
-    if planes.dtype not in (np.dtype(np.uint16), np.dtype(np.float32)):
-        raise InputError("must be uint16 or float32", "dtype", planes.dtype)
+def append_frames(
+    path: Path, planes: npt.NDArray[Any], numbers: Sequence[int], cards: Sequence[list[Card]], shared: list[Card]
+) -> None:
+    """Append an extension for each plane to a file, which is begun with the first.
+
+    Args:
+        path: File to write to.
+        planes: uint16 or float32, shape (n, ..., row, column).
+        numbers: Frame numbers, n of them.
+        cards: Keywords of each.
+        shared: Keywords of the primary HDU.
+    """
+    with naming(path), path.open("ab") as file:
+        if file.tell() == 0:
+            begin: list[Card] = [("SIMPLE", True, "conforms to FITS"), ("BITPIX", 8, ""), ("NAXIS", 0, "no data here")]
+            file.write(_header([*begin, ("EXTEND", True, ""), *shared]))
+        for number, plane, own in zip(numbers, _stored_planes(planes), cards, strict=True):
+            name: Card = ("EXTNAME", _extension_name(number), "")
+            file.write(_header([*_form_cards(planes.dtype, plane.shape), name, *own]))
+            file.write(np.ascontiguousarray(plane).data)
+            file.write(bytes(-file.tell() % FITS_BLOCK_BYTES))
+
+
+def _extension_name(frame: int) -> str:
+    return f"FRAME{frame:06d}"
+
+
+def _header(cards: Sequence[Card]) -> bytes:
+    from astropy.io import fits
+
+    return bytes(fits.Header([fits.Card(*card) for card in cards]).tostring(), "ascii")
+
+
+def _stored_planes(planes: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return uint16 or float32 numbers as FITS stores them."""
     # 16-bit integers of FITS have a sign: 32768 is added by the reader.
     stored = planes ^ np.uint16(0x8000) if planes.dtype == np.uint16 else planes
     return stored.astype(stored.dtype.newbyteorder(">"))
@@ -160,7 +191,15 @@ def read_planes(path: Path, frames: Sequence[int]) -> npt.NDArray[np.uint16]:
         return np.stack([np.asarray(file[0].section[numbers.index(frame)], dtype=np.uint16) for frame in frames])
 
 
-def form_cards(dtype: Any, shape: tuple[int, ...], n_frame: int | None = None) -> list[Card]:
+def read_frames(path: Path, frames: Sequence[int]) -> npt.NDArray[np.uint16]:
+    """Read the counts of some frame numbers of a file of frames, and of no others, shape (n, row, column)."""
+    from astropy.io import fits
+
+    with fits.open(path) as file:
+        return np.stack([np.asarray(file[_extension_name(frame)].data, dtype=np.uint16) for frame in frames])
+
+
+def _form_cards(dtype: Any, shape: tuple[int, ...], n_frame: int | None = None) -> list[Card]:
     """Return the first keywords of an array of n_frame planes of a shape, or of an image extension of one plane."""
     is_whole, axes = dtype == np.uint16, [*shape[::-1], *([] if n_frame is None else [n_frame])]
     words = ["columns", "rows, first row on top", *["targets"] * (len(shape) - 2), "frames"]
