@@ -6,6 +6,7 @@ The zero points that a survey quotes fluxes with are written out again here, so 
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import erfa
 import numpy as np
@@ -35,7 +36,7 @@ PUBLISHED_ATOL_ARCSEC = 2.0
 
 
 def convert(name, table):
-    return SURVEYS[name].convert(ColumnTable(table))
+    return SimpleNamespace(**{"limit_jy": {}, **SURVEYS[name].convert(ColumnTable(table))})
 
 
 def catalog_of(stars):

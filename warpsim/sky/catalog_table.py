@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from warpsim.errors import InputError
-from warpsim.sky.catalog_columns import BAND_NAMES, NUMBER_UNITS, StarColumns, checked_columns
+from warpsim.sky.catalog_columns import BAND_NAMES, NUMBER_UNITS, checked_columns
 from warpsim.sky.photometric_bands import (
     brightness_columns,
     check_flux_columns,
@@ -26,8 +25,8 @@ if TYPE_CHECKING:
     from astropy.table import Table
 
 
-def columns_of_table(table: Table, name: str | None = None) -> StarColumns:
-    """Columns held by an astropy Table as StarCatalog.from_table() lists them."""
+def stars_of_table(table: Table, name: str | None = None) -> Stars:
+    """The stars of an astropy Table as StarCatalog.from_table() lists them."""
     check_flux_columns(table.colnames)
     missing = [key for key in ("ra_deg", "dec_deg") if key not in table.colnames]
     if not brightness_columns(table.colnames):
@@ -37,13 +36,11 @@ def columns_of_table(table: Table, name: str | None = None) -> StarColumns:
         raise InputError(f"must have the column {' and '.join(missing)}", "table", found, "s")
     meta = {str(key).lower(): value for key, value in table.meta.items()}  # FITS turns keys to capitals
     arrays = arrays_of_columns(ColumnTable(table), {key: key for key in known_columns() if key in table.colnames})
-    numbers = {key: arrays.pop(key, None) for key in NUMBER_UNITS}
-    checked = checked_columns(numbers, **arrays, name=name or str(meta.get("name", "stars")))
-    return replace(checked, filled=checked.filled or meta.get("filled") is True)
+    return checked_columns(**arrays, name=name or str(meta.get("name", "stars")), filled=meta.get("filled") is True)
 
 
 def table_of(stars: Stars, photometry: StarPhotometry) -> Table:
-    """Return stars as an astropy Table that columns_of_table() reads back."""
+    """Return stars as an astropy Table that stars_of_table() reads back."""
     from astropy.table import Table
 
     flux_jy = {**photometry.given_jy, **{band: stars.flux_jy(band) for band in BAND_NAMES}}

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
-from warpsim.sky.catalog_columns import StarColumns
 from warpsim.sky.default_catalog import HipGaiaStars
 from warpsim.sky.space_motion import J2000_JYEAR, rigorous_motion
 from warpsim.sky.spectral_types import of_spectral_types
+from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_templates import GIANT
 from warpsim.sky.visible_stars import UNCERTAIN, VisibleStars, by_gaia, by_hipparcos, hipparcos_v_mag
 
@@ -273,14 +273,14 @@ def _beside(star: Hipparcos, star_row: Rows, gaia: Gaia, gaia_row: Rows) -> NDAr
     return beside
 
 
-def union_columns() -> StarColumns:
-    """Return the columns of the union as a catalog."""
+def union_catalog() -> Stars:
+    """Return the union as a catalog."""
     stars = union_stars()
     names = [
         f"HIP {hip}" if hip else f"Gaia DR3 {source}"
         for hip, source in zip(stars.hip.tolist(), stars.source_id.tolist(), strict=True)
     ]
-    return stars.columns("hip-gaia-ir union", np.array(names, dtype=np.str_))
+    return stars.catalog("hip-gaia-ir union", np.array(names, dtype=np.str_))
 
 
 def _package_file(package: str, version: str, sha256: str) -> bytes:

@@ -171,11 +171,10 @@ def merge_columns(arrays: dict[str, Any], table: ColumnTable, columns: Mapping[s
     """Put a table's columns, by warpsim's names for them, in the place of what a survey's reader made of the table."""
     named = _arrays_named(table, columns)
     for band in named["flux_jy"]:
-        for of_band in (arrays.get("flux_flag"), arrays.get("limit_jy")):
-            if of_band:
-                of_band.pop(band, None)
+        for of_band in ("flux_flag", "limit_jy"):
+            arrays.get(of_band, {}).pop(band, None)
     for name, values in named.items():
-        arrays[name] = {**(arrays.get(name) or {}), **values} if isinstance(values, dict) else values
+        arrays[name] = {**arrays.get(name, {}), **values} if isinstance(values, dict) else values
 
 
 def _arrays_named(table: ColumnTable, columns: Mapping[str, str]) -> dict[str, Any]:
