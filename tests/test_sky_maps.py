@@ -7,7 +7,7 @@ from astropy.wcs import WCS
 from sky_map_files import image_file
 
 import warpsim as ws
-from warpsim.background.map_units import radiance_scales
+from warpsim.background.fits_map import radiance_scales
 from warpsim.background.sky_map import sky_map_plates
 
 BAND = ws.bands()["A"]
@@ -244,7 +244,7 @@ def test_a_table_of_some_pixels_lies_where_their_numbers_say(tmp_path, unit):
 @pytest.mark.parametrize("ordering", ["RING", "NESTED"])
 def test_healpix_pixels_finer_than_the_largest_cube_are_averaged(tmp_path, monkeypatch, ordering):
     healpix = pytest.importorskip("astropy_healpix")
-    monkeypatch.setattr("warpsim.background.healpix_map._MOST_NSIDE", 16)
+    monkeypatch.setattr("warpsim.background.fits_map._MOST_NSIDE", 16)
     grid = healpix.HEALPix(64, ordering.lower(), frame="icrs")
     position = np.arange(grid.npix) if ordering == "NESTED" else grid.ring_to_nested(np.arange(grid.npix))
     columns = [column(array=np.where(position % 4 == 0, 4.0, 0.0))]  # of mean 1

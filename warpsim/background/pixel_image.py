@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpsim.background.map_units import LARGEST
+from warpsim.background.fits_map import LARGEST
 from warpsim.errors import InputError, one_line
 from warpsim.tables.fits_file import is_image, open_fits
 from warpsim.tables.npy_file import npy_array
