@@ -76,24 +76,17 @@ class SplineImage:
         down, across = self._matrix(0, dy_px), self._matrix(1, dx_px)
         return np.asarray(down @ self.coefficient @ across.T)
 
-    def _box(self, axis: int) -> float:
-        """Length of a pixel along an axis [samples]."""
-        return self.oversample * (self.pixel_aspect if axis == 0 else 1.0)
-
-    def _position(self, axis: int, offset_px: F64) -> F64:
-        """Centres of pixels in numbers of coefficients."""
-        return np.asarray(offset_px * self._box(axis) + 0.5 * (self.coefficient.shape[axis] - 1))
-
-    def _half_band(self, axis: int) -> float:
-        return half_band(self._box(axis), self.smear_px * self.oversample)
-
     def _band(self, axis: int, offset_px: F64) -> tuple[NDArray[np.int64], F64]:
         """Return the first coefficient that matters to each pixel, and the integrals over the pixel of all that do."""
-        position = self._position(axis, offset_px)
-        half = self._half_band(axis)
+        box = self.oversample * (self.pixel_aspect if axis == 0 else 1.0)  # length of a pixel [samples]
+        position = offset_px * box + 0.5 * (self.coefficient.shape[axis] - 1)  # in numbers of coefficients
+        half = half_band(box, self.smear_px * self.oversample)
         first = np.ceil(position - half).astype(np.int64)
         number = np.arange(int(2.0 * half) + 1)
-        return first, self._integral(axis, position[:, None] - first[:, None] - number)
+        distance = position[:, None] - first[:, None] - number
+        if self.blurred is None:
+            return first, _box_integral(distance, box)
+        return first, _cubic_through(self.blurred[axis], np.abs(distance) * N_FINE)
 
     def _matrix(self, axis: int, offset_px: F64) -> F64:
         """Return the integrals over each pixel of each coefficient's spline, shape (n, n_coefficient)."""
@@ -104,12 +97,6 @@ class SplineImage:
         inside = (column >= 0) & (column < matrix.shape[1])
         matrix[row[inside], column[inside]] = band[inside]
         return matrix
-
-    def _integral(self, axis: int, distance: F64) -> F64:
-        """Return the integral of B over a pixel whose centre lies at a distance [samples] from B's."""
-        if self.blurred is None:
-            return _box_integral(distance, self._box(axis))
-        return _cubic_through(self.blurred[axis], np.abs(distance) * N_FINE)
 
 
 def half_band(box: float, blur: float) -> float:

@@ -203,8 +203,6 @@ class StarCatalog(Stars):
     @classmethod
     def _of_files(cls, parts: Sequence[StarsOfFile]) -> StarCatalog:
         """The stars of some files, one behind the other, at the epoch that readers move them to."""
-        if not parts:
-            return cls.from_arrays([], [], {})
         return cls._of(joined([part.stars for part in parts])).at_epoch(parts[0].target_epoch_jyear)
 
     @staticmethod

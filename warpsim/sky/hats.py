@@ -108,21 +108,13 @@ class HatsFolder:
         if self._cosine[0] != widest_rad:  # calls alike follow each other
             self._cosine = widest_rad, np.cos(np.minimum(reach_rad + widest_rad, np.pi))
         maybe = np.flatnonzero((centre @ direction.T).max(axis=1, initial=-1.0) >= self._cosine[1])
-        return maybe[self._are_near(centre[maybe], reach_rad[maybe], direction, radius_rad)]
-
-    @staticmethod
-    def _are_near(
-        centre: NDArray[np.float64],
-        reach_rad: NDArray[np.float64],
-        direction: NDArray[np.float64],
-        radius_rad: NDArray[np.float64],
-    ) -> NDArray[np.bool_]:
-        near = np.zeros(len(centre), dtype=np.bool_)
+        centre, reach_rad = centre[maybe], reach_rad[maybe]
+        near = np.zeros(len(maybe), dtype=np.bool_)
         for start in range(0, len(direction), _CONES_AT_A_TIME):
             some = slice(start, start + _CONES_AT_A_TIME)
             cosine = centre @ direction[some].T
             near |= (np.arccos(np.clip(cosine, -1.0, 1.0)) - radius_rad[some]).min(axis=1) <= reach_rad
-        return near
+        return maybe[near]
 
     @cached_property
     def _pixels(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -138,8 +138,11 @@ class StarPhotometry:
         luminosity = self.luminosity.astype(np.int64)
         rows = np.flatnonzero(luminosity < DWARF)
         if len(rows):
+            magnitude = np.full(len(rows), np.nan)
+            for name in ("G", "V", "Hp"):
+                magnitude = np.where(np.isnan(magnitude), self._magnitude(name, rows), magnitude)
             luminosity[rows] = luminosity_class(
-                self._first_magnitude(("G", "V", "Hp"), rows),
+                magnitude,
                 self._bp_rp_mag(rows),
                 self.parallax_mas[rows],
                 self.pm_mas_yr[rows],
@@ -200,13 +203,6 @@ class StarPhotometry:
             colour_mag = self._magnitude(blue, rows) - self._magnitude(red, rows)
             bp_rp_mag = np.where(np.isnan(bp_rp_mag), colour_mag * bp_rp_per_colour, bp_rp_mag)
         return bp_rp_mag
-
-    def _first_magnitude(self, names: tuple[str, ...], rows: Whole) -> Array:
-        """Magnitude in the first of some bands in which there is one; NaN without."""
-        magnitude = np.full(len(rows), np.nan)
-        for name in names:
-            magnitude = np.where(np.isnan(magnitude), self._magnitude(name, rows), magnitude)
-        return magnitude
 
     def _magnitude(self, name: str, rows: Whole) -> Array:
         """Magnitude of the flux given in a band; NaN where there is none, or it is 0."""

@@ -32,9 +32,6 @@ _SHORT = ", ".join(
     [*NUMBER_UNITS, "flux_<band>_jy", "mag_<band>", "flux_<band>_flag", "flux_<band>_limit_jy", *_OTHERS]
 )
 
-PSC_BANDS = ("B1", "B2", "A", "C", "D", "E")
-"""Bands of the MSX point source catalogs, in the order of VizieR, which is that of wavelength but for A."""
-
 
 def known_columns() -> tuple[str, ...]:
     """Names that the argument `columns` knows; a table that uses them needs no such argument."""
@@ -255,7 +252,7 @@ def _msx_psc_v1() -> Layout:
         ByteField("DEdeg", 35, 43, unit="deg"),
     ]
     marks = [(24, " "), (34, " "), (44, " "), (49, " "), (54, " "), (60, " ")]
-    for k, band in enumerate(PSC_BANDS):
+    for k, band in enumerate(("B1", "B2", "A", "C", "D", "E")):  # as VizieR has them: by wavelength but for A
         start = 64 + 45 * k  # of the blank before the flux
         fields.append(ByteField(band, start + 1, start + 12, unit="Jy"))
         fields.append(ByteField(f"q_{band}", start + 14, start + 14, "whole", largest=4))
