@@ -10,7 +10,7 @@ from sky_map_files import image_file
 
 import warpsim as ws
 from warpsim.background.fits_map import radiance_scales
-from warpsim.background.sky_map import sky_map_plates
+from warpsim.background.user_maps import sky_map_plates
 from warpsim.output.check import scene_report
 from warpsim.scene.inputs import input_checksums
 

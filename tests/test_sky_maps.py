@@ -8,7 +8,7 @@ from sky_map_files import image_file
 
 import warpsim as ws
 from warpsim.background.fits_map import radiance_scales
-from warpsim.background.sky_map import sky_map_plates
+from warpsim.background.user_maps import sky_map_plates
 
 BAND = ws.bands()["A"]
 

@@ -3,7 +3,7 @@
 import pytest
 
 from warpsim.errors import InputError
-from warpsim.sky.readers.own_table import LAYOUTS, likely_layout
+from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
 from warpsim.tables.fixed_width import ByteField, Layout
 from warpsim.tables.read_table import read_table
 

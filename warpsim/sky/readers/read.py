@@ -12,7 +12,9 @@ from typing import Any, NamedTuple
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import checked_columns
 from warpsim.sky.photometric_bands import check_flux_columns, flag_column
+from warpsim.sky.places import J2000_JYEAR, dec_range_deg
 from warpsim.sky.readers import infrared, visible
+from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
 from warpsim.sky.readers.options import (
     CatalogFile,
     FileNames,
@@ -23,20 +25,16 @@ from warpsim.sky.readers.options import (
     is_parquet,
 )
 from warpsim.sky.readers.own_table import (
-    LAYOUTS,
     arrays_of_columns,
     check_columns,
     column_named,
     is_own,
     known_name,
-    likely_layout,
     merge_columns,
     own_columns,
     set_sloan_apart,
 )
 from warpsim.sky.readers.survey import Survey
-from warpsim.sky.region import dec_range_deg
-from warpsim.sky.space_motion import J2000_JYEAR
 from warpsim.sky.stars import Stars, joined
 from warpsim.tables.by_astropy import ParquetFile
 from warpsim.tables.columns import ColumnTable, plain_name

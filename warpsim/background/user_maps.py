@@ -1,4 +1,4 @@
-"""The user's map of the sky's surface brightness, a FITS file or a function, as plates."""
+"""Light of the user's own: a map of the sky, a FITS file or a function, as plates; and an image of every pixel."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from warpsim.config.fields import FUNCTION
 from warpsim.errors import InputError, one_line
 from warpsim.radiometry.band import Band
 from warpsim.tables.fits_file import is_image, open_fits
+from warpsim.tables.npy_file import npy_array
 
 Array = NDArray[np.float64]
 
@@ -156,3 +157,49 @@ def _error(rule: str, name: str) -> InputError:
 
 def _said(error: BaseException) -> str:
     return f"{type(error).__name__}: {one_line(ValueError(*error.args))}"
+
+
+def read_pixel_image(path: str, n_band: int, n_row: int, n_col: int) -> NDArray[np.float32]:
+    """Read the irradiance that every pixel gets in each band of a sensor [W/cm2], (n_band, n_row, n_col).
+
+    Args:
+        path: FITS image or NPY file, (n_row, n_col) for all bands, or with a plane for each.
+        n_band: Bands of the sensor.
+        n_row: Rows of its images.
+        n_col: Columns.
+
+    Raises:
+        InputError: No such file, another shape, no real numbers, or values that are negative,
+            not finite or beyond float32.
+    """
+    field = "background.image"
+    if not Path(path).is_file():
+        raise InputError("must be a file that exists", field, path)
+    try:
+        values = np.asarray(_array_in(path))
+    except Exception as error:  # astropy and NumPy raise many kinds for a broken file
+        raise InputError(f"cannot be read ({one_line(error)})").of(path).within(field) from None
+    rule = ""
+    if values.dtype.kind not in "fiu":
+        rule = f"must hold real numbers, has {values.dtype}"
+    elif values.shape not in ((n_row, n_col), (n_band, n_row, n_col)):
+        both = f"{(n_row, n_col)}, or {(n_band, n_row, n_col)} with a plane for each band"
+        rule = f"must have shape {both}, has {values.shape}"
+    elif (bad := ~((values >= 0) & (values <= LARGEST))).any():
+        index = np.unravel_index(bad.argmax(), values.shape)
+        plane = f"plane {index[0]}, " if values.ndim == 3 else ""
+        where = f"{values[index]:g} in {plane}row {index[-2]}, column {index[-1]}"
+        rule = f"must hold finite numbers of 0 or more that float32 holds, has {where}"
+    if rule:
+        raise InputError(rule).of(path).within(field)
+    return np.array(np.broadcast_to(values, (n_band, n_row, n_col)), dtype=np.float32)
+
+
+def _array_in(path: str) -> Any:
+    if path.lower().endswith(".npy"):
+        return npy_array(Path(path).read_bytes())
+    with open_fits(path) as hdus:
+        found = next((hdu.data for hdu in hdus[:2] if is_image(hdu)), None)
+    if found is None:
+        raise InputError("must hold an image")
+    return found
