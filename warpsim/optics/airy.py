@@ -43,7 +43,7 @@ N_REFINE = 6
 
 
 def airy_table(
-    pattern: AiryPattern, pixel_aspect: float, error: float, n_point: int, real: type = np.float32
+    pattern: AiryPattern, pixel_aspect: float, error: float, n_point: int, real: type
 ) -> EpsfTable:
     """Build the table of an Airy pattern, read with weights and sums of type `real`; its error is at most `error`."""
     flow, reach_px = _flow_and_reach_px(pattern, pixel_aspect, error)

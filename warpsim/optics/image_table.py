@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.optics.airy import N_REFINE, goal_of_interpolation, nodes_per_px, stated_error
 from warpsim.optics.epsf_table import N_MARGIN, EpsfTable, Wing, check_size, envelope, lagrange_weights, table_fraction
+from warpsim.optics.flow import chunks
 
 F64 = NDArray[np.float64]
 
@@ -25,7 +26,6 @@ N_RINGING = 12
 BLUR_REACH = 7.0
 N_FINE = 64
 """Steps per sample of the tabulated blurred spline."""
-CHUNK = 2_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +62,7 @@ class SplineImage:
         padded = np.pad(self.coefficient, ((down.shape[1],) * 2, (across.shape[1],) * 2))
         total: F64 = np.empty(len(dx_px))
         rows, cols = np.arange(down.shape[1]), np.arange(across.shape[1])
-        n_chunk = max(1, CHUNK // (len(rows) * len(cols)))
-        for start in range(0, len(dx_px), n_chunk):
-            here = slice(start, start + n_chunk)
+        for here in chunks(len(dx_px), len(rows) * len(cols)):
             row = np.clip(first_row[here, None] + len(rows) + rows, 0, padded.shape[0] - 1)
             col = np.clip(first_col[here, None] + len(cols) + cols, 0, padded.shape[1] - 1)
             block = padded[row[:, :, None], col[:, None, :]]
@@ -178,7 +176,7 @@ N_PROBE = 24
 """The same to find the distance of its nodes."""
 
 
-def image_table(pattern: SplineImage, error: float, n_point: int, real: type = np.float32) -> EpsfTable:
+def image_table(pattern: SplineImage, error: float, n_point: int, real: type) -> EpsfTable:
     """Build the table of an image; its error, against the spline, is at most `error`."""
     step_px = _step_px(pattern, error, n_point)
     for _ in range(N_REFINE):

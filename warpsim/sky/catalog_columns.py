@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpsim.errors import InputError, printable
+from warpsim.errors import InputError, errors_at, printable
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.photometric_bands import (
     FLUX_FILLED,
@@ -229,13 +229,11 @@ def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, 
     limits = {}
     for band, values in limit_jy.items():
         check_flux_band(band, "limit_jy")
-        try:
+        with errors_at("limit_jy"):
             limits[band] = _vector(values, band)
             if limits[band].shape != (n_star,):
                 raise InputError(f"must have shape ({n_star},)", band, limits[band].shape)
             _check_range(limits[band], 0.0, LARGEST_FLUX_JY, band, np.arange(n_star))
-        except InputError as error:
-            raise error.within("limit_jy") from None
     return limits
 
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 import csv
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.directions import unit_vectors
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.tables.by_astropy import ParquetFile, rows_of_files
 
 _PROPERTIES = ("hats.properties", "properties", "catalog_info.json")
@@ -87,7 +88,11 @@ class HatsFolder:
         listed = [self._listed.get(key) for key in keys]
         if len(set(keys)) == len(keys) and None not in listed:
             return np.array(listed, dtype=np.int64)
-        return np.array([_n_row_of(tile.path) for tile in self.tiles], dtype=np.int64)
+        n_row = []
+        for tile in self.tiles:
+            with _reading(tile.path):
+                n_row.append(len(ParquetFile(tile.path)))
+        return np.array(n_row, dtype=np.int64)
 
     def near(self, region: Sequence[tuple[float, float, float]]) -> list[HatsTile]:
         """Return the tiles that may hold stars in any of some cones, (ra_deg, dec_deg, radius_deg)."""
@@ -159,15 +164,23 @@ def _read_properties(path: Path) -> dict[str, str]:
     """Keys and values of a file of lines "key = value"; none where there is no such file."""
     if not path.is_file():
         return {}
-    pairs = (line.split("=", 1) for line in _text_of(path).splitlines() if "=" in line and line[:1] != "#")
+    with _reading(path):
+        text = path.read_text("utf-8-sig")
+    pairs = (line.split("=", 1) for line in text.splitlines() if "=" in line and line[:1] != "#")
     return {key.strip(): value.strip() for key, value in pairs}
 
 
-def _n_row_of(path: Path) -> int:
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Name the file in errors of reading it."""
     try:
-        return len(ParquetFile(path))
+        yield
     except InputError as error:
         raise error.of(path) from None
+    except UnicodeDecodeError:
+        raise InputError("must be text in UTF-8").of(path) from None
+    except csv.Error as error:
+        raise InputError(f"cannot be read as a table: {error}").of(path) from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})").of(path) from None
 
@@ -203,25 +216,19 @@ def _read_partition_info(path: Path) -> dict[tuple[int, int], int | None]:
     """Return rows by order and pixel as a list has them, None where it lacks them; none without a list."""
     if not path.is_file():
         return {}
-    table = csv.DictReader(_text_of(path).splitlines(), skipinitialspace=True)
     listed: dict[tuple[int, int], int | None] = {}
-    try:
+    with _reading(path):
+        table = csv.DictReader(path.read_text("utf-8-sig").splitlines(), skipinitialspace=True)
         names = [(name or "").strip() for name in table.fieldnames or ()]
         table.fieldnames = names
         if not {"Norder", "Npix"} <= set(names):
             raise InputError("must have the columns Norder and Npix", value=", ".join(names) or "none", form="s")
         for row in table:
-            try:
+            with errors_at("", f"line {table.line_num}"):
                 order, pixel = (_whole(row, name) for name in ("Norder", "Npix"))
                 listed[order, pixel] = _whole(row, "num_rows") if "num_rows" in names else None
-            except InputError as error:
-                raise error.of(f"line {table.line_num}") from None
-    except csv.Error as error:
-        raise InputError(f"cannot be read as a table: {error}").of(path) from None
-    except InputError as error:
-        raise error.of(path) from None
-    if not listed:
-        raise InputError("must list partitions, got none").of(path)
+        if not listed:
+            raise InputError("must list partitions, got none")
     return listed
 
 
@@ -252,21 +259,9 @@ def _check_metadata(base: Path) -> None:
     path = base / _METADATA
     if not path.is_file():
         return
-    try:
+    with _reading(path):
         listed = rows_of_files(path)
-    except InputError as error:
-        raise error.of(path) from None
     missing = sorted(name for name, n_row in listed.items() if n_row and not (base / name).is_file())
     if missing:
         of_all = f"({len(missing):,} of {len(listed):,} are missing)"
         raise InputError(f"must hold {missing[0]}, which {_METADATA} lists {of_all}").of(base)
-
-
-def _text_of(path: Path) -> str:
-    """Return the text of a file in UTF-8."""
-    try:
-        return path.read_text("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError("must be text in UTF-8").of(path) from None
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})").of(path) from None

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from warpsim.errors import InputError
+from warpsim.errors import InputError, errors_at
 from warpsim.sky.catalog_columns import checked_columns
 from warpsim.sky.photometric_bands import check_flux_columns, flag_column
 from warpsim.sky.places import J2000_JYEAR, dec_range_deg
@@ -75,15 +75,13 @@ def read_files(files: Sequence[CatalogFile], options: ReadOptions, first_row: in
     for file in files:
         first_row += file.n_before
         start_row = first_row
-        try:
+        with errors_at("", str(file.path)):
             for n_row, stars in _stars_of_file(file.path, options, first_row):
                 first_row += n_row
                 if stars is not None:
                     found.append(stars)
             if file.n_row not in (None, first_row - start_row):
                 raise InputError(f"must hold {file.n_row:,} rows, as the folder says, got {first_row - start_row:,}")
-        except InputError as error:
-            raise error.of(file.path) from None
         first_row += file.n_behind
     return found[0]._replace(stars=joined([one.stars for one in found]))
 
