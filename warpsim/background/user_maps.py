@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from warpsim.background.fits_map import LARGEST, celestial_wcs, healpix_map, image_map
 from warpsim.background.sky_plates import SkyMap, SkyPlate, sky_cube
 from warpsim.config.fields import FUNCTION
-from warpsim.errors import InputError, one_line
+from warpsim.errors import InputError, errors_at, one_line
 from warpsim.radiometry.band import Band
 from warpsim.tables.fits_file import is_image, open_fits
 from warpsim.tables.npy_file import npy_array
@@ -175,23 +175,21 @@ def read_pixel_image(path: str, n_band: int, n_row: int, n_col: int) -> NDArray[
     field = "background.image"
     if not Path(path).is_file():
         raise InputError("must be a file that exists", field, path)
-    try:
-        values = np.asarray(_array_in(path))
-    except Exception as error:  # astropy and NumPy raise many kinds for a broken file
-        raise InputError(f"cannot be read ({one_line(error)})").of(path).within(field) from None
-    rule = ""
-    if values.dtype.kind not in "fiu":
-        rule = f"must hold real numbers, has {values.dtype}"
-    elif values.shape not in ((n_row, n_col), (n_band, n_row, n_col)):
-        both = f"{(n_row, n_col)}, or {(n_band, n_row, n_col)} with a plane for each band"
-        rule = f"must have shape {both}, has {values.shape}"
-    elif (bad := ~((values >= 0) & (values <= LARGEST))).any():
-        index = np.unravel_index(bad.argmax(), values.shape)
-        plane = f"plane {index[0]}, " if values.ndim == 3 else ""
-        where = f"{values[index]:g} in {plane}row {index[-2]}, column {index[-1]}"
-        rule = f"must hold finite numbers of 0 or more that float32 holds, has {where}"
-    if rule:
-        raise InputError(rule).of(path).within(field)
+    with errors_at(field, path):
+        try:
+            values = np.asarray(_array_in(path))
+        except Exception as error:  # astropy and NumPy raise many kinds for a broken file
+            raise InputError(f"cannot be read ({one_line(error)})") from None
+        if values.dtype.kind not in "fiu":
+            raise InputError(f"must hold real numbers, has {values.dtype}")
+        if values.shape not in ((n_row, n_col), (n_band, n_row, n_col)):
+            both = f"{(n_row, n_col)}, or {(n_band, n_row, n_col)} with a plane for each band"
+            raise InputError(f"must have shape {both}, has {values.shape}")
+        if (bad := ~((values >= 0) & (values <= LARGEST))).any():
+            index = np.unravel_index(bad.argmax(), values.shape)
+            plane = f"plane {index[0]}, " if values.ndim == 3 else ""
+            where = f"{values[index]:g} in {plane}row {index[-2]}, column {index[-1]}"
+            raise InputError(f"must hold finite numbers of 0 or more that float32 holds, has {where}")
     return np.array(np.broadcast_to(values, (n_band, n_row, n_col)), dtype=np.float32)
 
 

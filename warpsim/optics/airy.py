@@ -42,9 +42,7 @@ ROUNDING = 2.5e-8
 N_REFINE = 6
 
 
-def airy_table(
-    pattern: AiryPattern, pixel_aspect: float, error: float, n_point: int, real: type
-) -> EpsfTable:
+def airy_table(pattern: AiryPattern, pixel_aspect: float, error: float, n_point: int, real: type) -> EpsfTable:
     """Build the table of an Airy pattern, read with weights and sums of type `real`; its error is at most `error`."""
     flow, reach_px = _flow_and_reach_px(pattern, pixel_aspect, error)
     step_px = _step_px(pattern, pixel_aspect, error, n_point)

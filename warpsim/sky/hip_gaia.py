@@ -82,6 +82,11 @@ class Hipparcos:
     v_i_mag: Array
     """NaN where missing."""
 
+    def moved(self, epoch_jyear: float) -> tuple[Array, Array, Array, Array, Array]:
+        """Return right ascension, declination, their motions and relative distances at another epoch."""
+        years = epoch_jyear - HIPPARCOS_EPOCH_JYEAR
+        return rigorous_motion(self.ra_deg, self.dec_deg, self.pm_ra_mas_yr, self.pm_dec_mas_yr, years)
+
 
 @dataclass(frozen=True)
 class Gaia:
@@ -151,8 +156,7 @@ def match(star: Hipparcos, gaia: Gaia) -> tuple[Rows, NDArray[np.bool_]]:
         Row of the Hipparcos partner of each Gaia star, -1 for none, shape (n_gaia,); and whether a Hipparcos star is
         disputed, shape (n_hipparcos,): it has no partner, but Gaia has a star there that was taken for a companion.
     """
-    years = GAIA_EPOCH_JYEAR - HIPPARCOS_EPOCH_JYEAR
-    ra_deg, dec_deg, *_ = rigorous_motion(star.ra_deg, star.dec_deg, star.pm_ra_mas_yr, star.pm_dec_mas_yr, years)
+    ra_deg, dec_deg, *_ = star.moved(GAIA_EPOCH_JYEAR)
     star_row, gaia_row, separation_arcsec = close_pairs(ra_deg, dec_deg, gaia.ra_deg, gaia.dec_deg)
     companion = (gaia.g_mag[gaia_row] - star.hp_mag[star_row] > COMPANION_MAG) & (separation_arcsec > SAME_PLACE_ARCSEC)
 
@@ -206,9 +210,8 @@ def union_stars() -> HipGaiaStars:
     of_star = np.concatenate([partner[gaia_row], star_only])
     has_star = of_star >= 0
 
-    years = J2000_JYEAR - HIPPARCOS_EPOCH_JYEAR
-    motion = rigorous_motion(star.ra_deg, star.dec_deg, star.pm_ra_mas_yr, star.pm_dec_mas_yr, years)
-    star_ra_deg, star_dec_deg, star_pm_ra, star_pm_dec, _ = motion  # distances change by less than 1e-7
+    # Distances change by less than 1e-7.
+    star_ra_deg, star_dec_deg, star_pm_ra, star_pm_dec, _ = star.moved(J2000_JYEAR)
 
     def of_hipparcos(values: Array, otherwise: float) -> Array:
         """Spread values of the Hipparcos stars over the rows of the union."""
@@ -264,10 +267,8 @@ def _by_hipparcos(star: Hipparcos, rows: Rows, disputed: NDArray[np.bool_]) -> V
 
 def _beside(star: Hipparcos, star_row: Rows, gaia: Gaia, gaia_row: Rows) -> NDArray[np.bool_]:
     """Return whether each of the given Gaia stars lies beside one of the given Hipparcos stars when Gaia saw it."""
-    at, years = star_row, GAIA_EPOCH_JYEAR - HIPPARCOS_EPOCH_JYEAR
-    motion = rigorous_motion(star.ra_deg[at], star.dec_deg[at], star.pm_ra_mas_yr[at], star.pm_dec_mas_yr[at], years)
-    ra_deg, dec_deg, *_ = motion
-    _, near, arcsec = close_pairs(ra_deg, dec_deg, gaia.ra_deg[gaia_row], gaia.dec_deg[gaia_row])
+    ra_deg, dec_deg, *_ = star.moved(GAIA_EPOCH_JYEAR)
+    _, near, arcsec = close_pairs(ra_deg[star_row], dec_deg[star_row], gaia.ra_deg[gaia_row], gaia.dec_deg[gaia_row])
     beside = np.zeros(len(gaia_row), dtype=bool)
     beside[near[arcsec < BESIDE_ARCSEC]] = True
     return beside

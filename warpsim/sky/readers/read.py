@@ -126,20 +126,20 @@ def _stars_of_parquet(
 
 def _stars_of_table(table: ColumnTable, options: ReadOptions, where: str, first_row: int) -> StarsOfFile:
     survey = SURVEYS.get(options.format or "")
-    set_sloan_apart(table, () if options.columns is None else options.columns.values())
-    own = own_columns(table) if options.columns is None else None
-    if survey is None and options.columns is not None:
-        own = check_columns(options.columns, table)
-    elif survey is not None or own is None or not is_own(own, table):
+    given = options.columns
+    set_sloan_apart(table, (given or {}).values())
+    if survey is None and given is not None:
+        found = _own_stars(table, check_columns(given, table), where, options, first_row)
+    elif survey is None and is_own(own := own_columns(table), table):
+        found = _own_stars(table, own, where, options, first_row)
+    else:
         found = _survey_stars(table, survey or _survey_of(table), where, options, first_row)
-        return found._replace(stars=chosen(found.stars, options))
-    found = _own_stars(table, own, where, options, first_row)
     return found._replace(stars=chosen(found.stars, options))
 
 
 def _holds_stars(table: ColumnTable, survey: Survey | None, columns: Mapping[str, str] | None) -> bool:
     """Return whether a table has the columns of what a file is read for."""
-    set_sloan_apart(table, () if columns is None else columns.values())
+    set_sloan_apart(table, (columns or {}).values())
     if survey is None and columns is not None:
         return all(table.find(str(column)) for column in columns.values())
     if survey is not None:
@@ -156,7 +156,7 @@ def _survey_of(table: ColumnTable) -> Survey:
         return max(fitting, key=lambda survey: len(survey.needs))
     for survey in SURVEYS.values():
         missing = [names for names in survey.needs if table.find(*names) is None]
-        if survey.telling and table.find(*survey.telling) and 2 * len(missing) <= len(survey.needs):
+        if table.find(*(survey.telling or survey.needs[0])) and 2 * len(missing) <= len(survey.needs):
             needed = ", ".join(" or ".join(names) for names in missing)
             rule = f"looks like {survey.name}, which must have the column {needed}"
             raise InputError(rule, value=table.names, form="s")

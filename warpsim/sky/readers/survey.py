@@ -197,7 +197,8 @@ class Survey:
     """Put before names that do not begin with it."""
 
     telling: tuple[str, ...] = ()
-    """Columns that hardly any other table has: one that has them, and lacks a needed one, looks like the survey."""
+    """Columns that hardly any other table has (left out: the first needed): one that has them, and lacks a needed one,
+    looks like the survey."""
 
     def fits(self, table: ColumnTable) -> bool:
         """Return whether the table has all the columns needed."""
