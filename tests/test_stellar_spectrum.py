@@ -15,7 +15,7 @@ from warpsim.radiometry.band import Band
 from warpsim.sky import stellar_spectrum
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.stellar_spectrum import N_CORRECTION, SAME_WAVELENGTH, band_irradiance_w_cm2
-from warpsim.sky.stellar_templates import template_temperature_k, template_wavelength_um, templates
+from warpsim.sky.stellar_templates import templates
 
 BANDS = photometric_bands()
 
@@ -40,7 +40,7 @@ def integral(function, band, cuts_um=()):
     """Integral of energy response times function over a band, piece by piece between all kinks."""
     quad = pytest.importorskip("scipy.integrate").quad
     low_um, high_um = band.wavelength_um[[0, -1]]
-    kinks = (*band.wavelength_um, *template_wavelength_um(), *cuts_um)
+    kinks = (*band.wavelength_um, *templates().wavelength_um, *cuts_um)
     edges = sorted({float(kink) for kink in kinks if low_um <= kink <= high_um})
     return sum(
         quad(lambda um: response_at(band, um) * function(um), a, b, epsabs=0, epsrel=1e-9)[0]
@@ -51,10 +51,10 @@ def integral(function, band, cuts_um=()):
 
 def template_at(um, temperature_k, luminosity):
     """The mixture of the two neighbouring templates, linear in ln T and, between its nodes, in wavelength."""
-    grid_k, grid_um = template_temperature_k(), template_wavelength_um()
+    grid_k, grid_um = templates().temperature_k, templates().wavelength_um
     row = int(np.clip(np.searchsorted(grid_k, temperature_k) - 1, 0, len(grid_k) - 2))
     part = math.log(temperature_k / grid_k[row]) / math.log(grid_k[row + 1] / grid_k[row])
-    low, high = templates()[luminosity, row : row + 2]
+    low, high = templates().spectrum[luminosity, row : row + 2]
     return (1.0 - part) * np.interp(um, grid_um, low) + part * np.interp(um, grid_um, high)
 
 
@@ -115,7 +115,7 @@ def magnitudes(**mags):
     return {name: BANDS[name].zero_mag_jy * 10 ** (-0.4 * magnitude) for name, magnitude in mags.items()}
 
 
-GRID_K = [float(kelvin) for kelvin in template_temperature_k()]
+GRID_K = [float(kelvin) for kelvin in templates().temperature_k]
 STARS = [
     (magnitudes(BP=8.0, RP=7.0, G=7.6, A=5.0), GRID_K[len(GRID_K) // 3], 1),
     (magnitudes(V=4.1, Ks=1.2, W3=1.3, E=1.0), 4321.0, 1),
@@ -150,11 +150,11 @@ def test_light_in_a_band_follows_the_definition(band, record_accuracy):
 def test_a_flux_alone_gives_the_templates_shape():
     """Ratios of two bands are those of the template, whatever the flux."""
     row, luminosity = len(GRID_K) // 2, 0
-    spectrum = templates()[luminosity, row]
+    spectrum = templates().spectrum[luminosity, row]
     for flux in (1e-6, 1.0, 1e6):
         near, far = (light(BANDS[name], [({"A": flux}, GRID_K[row], luminosity)])[0] for name in ("J", "W4"))
         expected = [
-            integral(lambda um: np.interp(um, template_wavelength_um(), spectrum), BANDS[name]) for name in ("J", "W4")
+            integral(lambda um: np.interp(um, templates().wavelength_um, spectrum), BANDS[name]) for name in ("J", "W4")
         ]
         assert near / far == pytest.approx(expected[0] / expected[1], rel=ORACLE_RTOL)
 
@@ -280,7 +280,7 @@ def test_a_band_beyond_the_spectra_is_an_error(edges_um):
 
 
 def test_a_response_beyond_the_templates_is_an_error():
-    last_um = float(template_wavelength_um()[-1])
+    last_um = float(templates().wavelength_um[-1])
     band = Band("leak", [10.0, 11.0, 12.0, 20.0, 1.5 * last_um], [0.0, 1.0, 0.01, 0.01, 0.001])
     with pytest.raises(
         InputError, match=r"^band leak: must lie within 0.28 to 45 um, where the spectrum of stars is known"

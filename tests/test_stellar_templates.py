@@ -22,8 +22,6 @@ from warpsim.sky.stellar_templates import (
     luminosity_class,
     mixed,
     mixture,
-    template_temperature_k,
-    template_wavelength_um,
     templates,
 )
 
@@ -39,7 +37,7 @@ def integral(band, spectrum):
     """The light of a spectrum (n,) in a band by adaptive quadrature between all nodes, sharing no code with warpsim."""
     integrate = pytest.importorskip("scipy.integrate")
     optimize = pytest.importorskip("scipy.optimize")
-    grid_um = template_wavelength_um()
+    grid_um = templates().wavelength_um
 
     def by_energy(um):
         return np.interp(um, band.wavelength_um, band.response) * (um if band.per_photon else 1.0)
@@ -60,7 +58,7 @@ def integral(band, spectrum):
 
 
 def test_templates_are_spectra():
-    wavelength_um, temperature_k, spectrum = template_wavelength_um(), template_temperature_k(), templates()
+    wavelength_um, temperature_k, spectrum = templates().wavelength_um, templates().temperature_k, templates().spectrum
     assert spectrum.shape == (2, len(temperature_k), len(wavelength_um))
     assert (wavelength_um[0], wavelength_um[-1]) == (0.28, 45.0)
     assert (temperature_k[0], temperature_k[-1]) == (2300.0, 35000.0)
@@ -77,7 +75,7 @@ def test_band_light_is_the_integral(name, record_accuracy):
     band = OWN if name == "own" else as_band(name)
     light = band_light(band)
     for luminosity, row in ((DWARF, 0), (DWARF, 30), (GIANT, 5), (GIANT, 20), (DWARF, 50)):
-        expected = integral(band, templates()[luminosity, row])
+        expected = integral(band, templates().spectrum[luminosity, row])
         error = abs(light[luminosity, row] / expected - 1.0)
         record_accuracy("Light of stellar templates in bands", error, LIGHT_RTOL, "of it", "scipy")
 
@@ -85,11 +83,15 @@ def test_band_light_is_the_integral(name, record_accuracy):
 def test_nodes_integrate_factors_of_wavelength():
     band = as_band("W2")
     node_um, weight_um, spectrum = band_nodes(band)
-    assert spectrum.shape == (2, len(template_temperature_k()), len(node_um))
-    fine_um = np.union1d(np.linspace(3.88, 5.55, 400_001), template_wavelength_um())
+    assert spectrum.shape == (2, len(templates().temperature_k), len(node_um))
+    fine_um = np.union1d(np.linspace(3.88, 5.55, 400_001), templates().wavelength_um)
     fine_um = fine_um[(fine_um >= 3.88) & (fine_um <= 5.55)]
     factor = 1.0 + 0.3 * np.log(fine_um / 4.0)
-    values = band.energy_response(fine_um) * factor * np.interp(fine_um, template_wavelength_um(), templates()[0, 10])
+    values = (
+        band.energy_response(fine_um)
+        * factor
+        * np.interp(fine_um, templates().wavelength_um, templates().spectrum[0, 10])
+    )
     found = (weight_um * (1.0 + 0.3 * np.log(node_um / 4.0)) * spectrum[0, 10]).sum()
     assert found == pytest.approx(np.trapezoid(values, fine_um), rel=1e-8)  # the trapezoids' own error
 
@@ -99,18 +101,18 @@ def test_a_star_is_a_mixture_of_two_templates():
     luminosity = np.array([DWARF, GIANT, DWARF, GIANT, DWARF])
     lower, weight = mixture(temperature_k)
     assert ((weight >= 0.0) & (weight <= 1.0)).all()
-    low_k, high_k = template_temperature_k()[lower], template_temperature_k()[lower + 1]
+    low_k, high_k = templates().temperature_k[lower], templates().temperature_k[lower + 1]
     np.testing.assert_allclose(low_k ** (1 - weight) * high_k**weight, temperature_k, rtol=1e-13)
-    spectra = mixed(templates(), luminosity, temperature_k)
+    spectra = mixed(templates().spectrum, luminosity, temperature_k)
     _, weight_um, _ = band_nodes("A")
     node_um = band_nodes("A")[0]
-    by_spectrum = [np.interp(node_um, template_wavelength_um(), spectrum) @ weight_um for spectrum in spectra]
+    by_spectrum = [np.interp(node_um, templates().wavelength_um, spectrum) @ weight_um for spectrum in spectra]
     np.testing.assert_allclose(mixed(band_light("A"), luminosity, temperature_k), by_spectrum, rtol=MIXED_RTOL)
 
 
 def test_unknown_and_extreme_stars():
-    given = mixed(templates(), [GIANT, DWARF, GIANT], [UNKNOWN_TEMPERATURE_K, 2300.0, 35_000.0])
-    np.testing.assert_array_equal(mixed(templates(), [-1, DWARF, GIANT], [np.nan, 500.0, 1e6]), given)
+    given = mixed(templates().spectrum, [GIANT, DWARF, GIANT], [UNKNOWN_TEMPERATURE_K, 2300.0, 35_000.0])
+    np.testing.assert_array_equal(mixed(templates().spectrum, [-1, DWARF, GIANT], [np.nan, 500.0, 1e6]), given)
 
 
 # --- colours ---
@@ -188,9 +190,9 @@ def test_classes_part_where_molecules_form():
 def test_the_infrared_tail_is_that_of_a_photosphere():
     """Between 12 and 30 um a star of 5,772 K falls as Planck's law of a few thousand kelvin, within 5 %."""
     um = np.array([12.0, 16.0, 20.0, 25.0, 30.0])
-    spectrum = mixed(templates(), [DWARF], [5772.0])[0]
+    spectrum = mixed(templates().spectrum, [DWARF], [5772.0])[0]
     planck = um**-5.0 / np.expm1(14387.77 / (um * 5000.0))
-    ratio = np.interp(um, template_wavelength_um(), spectrum) / planck
+    ratio = np.interp(um, templates().wavelength_um, spectrum) / planck
     assert np.ptp(ratio) / ratio.mean() < 0.05
 
 
@@ -208,6 +210,6 @@ def test_nothing_is_read_before_it_is_asked_for():
     import subprocess
     import sys
 
-    code = "import warpsim, warpsim.sky.stellar_templates as t; print(t._load.cache_info().currsize)"
+    code = "import warpsim, warpsim.sky.stellar_templates as t; print(t.templates.cache_info().currsize)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "0\n"
-    assert stellar_templates._load() is stellar_templates._load()
+    assert stellar_templates.templates() is stellar_templates.templates()

@@ -18,7 +18,7 @@ from astropy.table import Table
 import warpsim as ws
 from warpsim.errors import InputError
 from warpsim.optics.telescope import read_psf_file
-from warpsim.sky.readers.own_table import LAYOUTS, likely_layout
+from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
 from warpsim.tables.checked_files import CUT_OFF, checked_fits, open_fits
 from warpsim.tables.fixed_width import ByteField, Layout
 from warpsim.tables.read_table import read_table

@@ -58,15 +58,10 @@ class SkyMap:
     size_w_cm2_sr: Array
     """Median and largest radiance of its pixels in each band, (n_band, 2)."""
 
-    @property
-    def is_wide(self) -> bool:
-        """Whether it needs the cube."""
-        return self.half_angle_rad > math.radians(WIDEST_DEG / 2) * (1 + 1e-9)
-
     def plates(self) -> list[SkyPlate]:
         """One plate or six, with nodes half as far apart as pixels, or as the largest plates allow."""
         step = self.pixel_rad / 2
-        if self.is_wide:
+        if is_wide(self.half_angle_rad):
             return sky_cube(self.radiance_of, int(np.clip(math.ceil(2 / step) + 1, 9, MOST_CUBE_NODES)))
         half_width = math.tan(self.half_angle_rad)
         n_side = 2 * math.ceil(half_width / step) + 1
@@ -75,10 +70,14 @@ class SkyMap:
         return [sky_plate(self.radiance_of, axes_about(self.centre), half_width, min(n_side, MOST_NODES))]
 
 
+def is_wide(half_angle_rad: float) -> bool:
+    """Whether a map needs the cube."""
+    return half_angle_rad > math.radians(WIDEST_DEG / 2) * (1 + 1e-9)
+
+
 def node_step_rad(pixel_rad: float, half_angle_rad: float) -> float:
     """Step of the nodes of a map's plates: half a pixel, or what the largest plates allow."""
-    wide = half_angle_rad > math.radians(WIDEST_DEG / 2)
-    finest = 2 / (MOST_CUBE_NODES - 1) if wide else 2 * math.tan(half_angle_rad) / (MOST_NODES - 1)
+    finest = 2 / (MOST_CUBE_NODES - 1) if is_wide(half_angle_rad) else 2 * math.tan(half_angle_rad) / (MOST_NODES - 1)
     return max(pixel_rad / 2, finest)
 
 

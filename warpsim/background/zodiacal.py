@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.directions import unit_vectors
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import planck_w_m2_sr_um
 from warpsim.radiometry.sun_and_earth import band_rule, solar_spectrum, sunlight_rule
@@ -204,12 +205,10 @@ def zodiacal_map(bands: list[Band], earth_au: Array) -> Callable[[Array], Array]
 
     earth = ECLIPTIC_AXES @ earth_au
     sun_deg = math.degrees(math.atan2(-earth[1], -earth[0]))
-    longitude, latitude = np.meshgrid(np.radians(_LONGITUDES_DEG + sun_deg), np.radians(_LATITUDES_DEG))
-    flat = np.cos(latitude)
-    nodes = np.stack([flat * np.cos(longitude), flat * np.sin(longitude), np.sin(latitude)], axis=-1)
+    nodes = unit_vectors(*np.meshgrid(_LONGITUDES_DEG + sun_deg, _LATITUDES_DEG))
     light = zodiacal_radiance_w_cm2_sr(nodes.reshape(-1, 3), earth, [band_light(band) for band in bands])
     splines = [
-        RectBivariateSpline(_LATITUDES_DEG, _LONGITUDES_DEG, np.log(each.reshape(latitude.shape))) for each in light
+        RectBivariateSpline(_LATITUDES_DEG, _LONGITUDES_DEG, np.log(each.reshape(nodes.shape[:2]))) for each in light
     ]
 
     def radiance_of(direction: Array) -> Array:

@@ -42,9 +42,7 @@ ROUNDING = 2.5e-8
 N_REFINE = 6
 
 
-def airy_table(
-    pattern: AiryPattern, pixel_aspect: float, error: float, n_point: int, real: type = np.float32
-) -> EpsfTable:
+def airy_table(pattern: AiryPattern, pixel_aspect: float, error: float, n_point: int, real: type) -> EpsfTable:
     """Build the table of an Airy pattern, read with weights and sums of type `real`; its error is at most `error`."""
     flow, reach_px = _flow_and_reach_px(pattern, pixel_aspect, error)
     step_px = _step_px(pattern, pixel_aspect, error, n_point)
@@ -90,14 +88,10 @@ def _flow_and_reach_px(
 ) -> tuple[FlowProfile, tuple[float, float]]:
     """Return the flow of a table that keeps the error, and how far it reaches, as _measured_reach_px has it."""
     limit_px = _reach_limit_px(pattern, pixel_aspect, WING_PART * error)
-    flow = _flow(pattern, pixel_aspect, limit_px)
+    # As far out as tables and their tests ask for it.
+    corner_px = math.sqrt(2.0) * (1.3 * limit_px + 2.0 * max(1.0, pixel_aspect))
+    flow = pattern.flow(max(corner_px, 20.0 * pattern.scale_px + 2.0 * max(1.0, pixel_aspect)))
     return flow, _measured_reach_px(flow, pattern, pixel_aspect, limit_px, WING_PART * error)
-
-
-def _flow(pattern: AiryPattern, pixel_aspect: float, reach_px: float) -> FlowProfile:
-    """Return the flow, as far out as tables and their tests ask for it."""
-    corner_px = math.sqrt(2.0) * (1.3 * reach_px + 2.0 * max(1.0, pixel_aspect))
-    return pattern.flow(max(corner_px, 20.0 * pattern.scale_px + 2.0 * max(1.0, pixel_aspect)))
 
 
 def _reach_limit_px(pattern: AiryPattern, pixel_aspect: float, tolerance: float) -> float:

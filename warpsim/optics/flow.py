@@ -7,6 +7,7 @@ two, and nothing depends on how sharp f is compared to the rectangle. A blur of 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,10 +22,17 @@ STEP = 0.01
 """Step of a radial profile in units of its finest scale; cubic pieces on it are good to 4e-9 of the peak."""
 BLUR_REACH = 7.5
 """Standard deviations beyond which a Gaussian (6e-13 of its peak) is left out."""
-CHUNK = 2_000_000
+_CHUNK = 2_000_000
 """Values at work at once, to bound memory."""
 CACHED = 8192
 """Values of a profile at work at once: 64 kB an array, so that the steps between them stay in the processor's cache."""
+
+
+def chunks(n_row: int, n_column: int) -> Iterator[slice]:
+    """Yield rows of an array that are at work at once."""
+    step = max(1, _CHUNK // n_column)
+    for start in range(0, n_row, step):
+        yield slice(start, start + step)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,16 +94,13 @@ def blurred(flow: FlowProfile, smear_px: float, max_radius_px: float) -> FlowPro
     # The window holds 15 s / scale periods at most, and a Gaussian; as in pixel_fractions, with a margin.
     node, weight = gauss_legendre(48 + int(2.2 * 2.0 * BLUR_REACH * smear_px / flow.scale_px))
     value = np.empty_like(r_px)
-    n_chunk = max(1, CHUNK // len(node))
-    for start in range(0, len(r_px), n_chunk):
-        r = r_px[start : start + n_chunk, None]
+    for here in chunks(len(r_px), len(node)):
+        r = r_px[here, None]
         first = np.maximum(r - BLUR_REACH * smear_px, 0.0)
         width = r + BLUR_REACH * smear_px - first
         q = first + 0.5 * width * (1.0 + node)
         kernel = np.exp(-0.5 * ((r - q) / smear_px) ** 2) * scaled_i1_over_x(r * q / smear_px**2)
-        value[start : start + n_chunk] = width[:, 0] * (
-            (flow(q) * q * (q / smear_px) ** 2 / smear_px**2 * kernel) @ weight
-        )
+        value[here] = width[:, 0] * ((flow(q) * q * (q / smear_px) ** 2 / smear_px**2 * kernel) @ weight)
     return profile_from_values(value, step_px, scale_px)
 
 
@@ -112,9 +117,7 @@ def pixel_fractions(flow: FlowProfile, dx_px: F64, dy_px: F64, pixel_aspect: flo
     ):
         # g oscillates length / scale times at most; Gauss-Legendre converges beyond pi / 2 nodes for each.
         node, weight = gauss_legendre(20 + int(1.8 * length / flow.scale_px))
-        n_chunk = max(1, CHUNK // len(node))
-        for start in range(0, len(dx_px), n_chunk):
-            here = slice(start, start + n_chunk)
+        for here in chunks(len(dx_px), len(node)):
             edge_px2 = (along[here, None] + 0.5 * length * node) ** 2
             for side in (-0.5 * width, 0.5 * width):
                 normal_px = across[here] + side
@@ -184,10 +187,9 @@ def _flow_on_grid(flow: FlowProfile, steps_px: tuple[float, float], n_node: tupl
     """Return g at (j step_y, i step_x), shape n_node."""
     g = np.empty(n_node)
     x2 = (steps_px[1] * np.arange(n_node[1])) ** 2
-    n_block = max(1, CHUNK // 8 // n_node[1])
-    for start in range(0, n_node[0], n_block):
-        y = steps_px[0] * np.arange(start, min(start + n_block, n_node[0]))
-        g[start : start + n_block] = flow(np.sqrt(y[:, None] ** 2 + x2))
+    y2 = (steps_px[0] * np.arange(n_node[0])) ** 2
+    for here in chunks(n_node[0], 8 * n_node[1]):
+        g[here] = flow(np.sqrt(y2[here, None] + x2))
     return g
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.optics.airy import N_REFINE, goal_of_interpolation, nodes_per_px, stated_error
 from warpsim.optics.epsf_table import N_MARGIN, EpsfTable, Wing, check_size, envelope, lagrange_weights, table_fraction
+from warpsim.optics.flow import chunks
 
 F64 = NDArray[np.float64]
 
@@ -25,7 +26,6 @@ N_RINGING = 12
 BLUR_REACH = 7.0
 N_FINE = 64
 """Steps per sample of the tabulated blurred spline."""
-CHUNK = 2_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +62,7 @@ class SplineImage:
         padded = np.pad(self.coefficient, ((down.shape[1],) * 2, (across.shape[1],) * 2))
         total: F64 = np.empty(len(dx_px))
         rows, cols = np.arange(down.shape[1]), np.arange(across.shape[1])
-        n_chunk = max(1, CHUNK // (len(rows) * len(cols)))
-        for start in range(0, len(dx_px), n_chunk):
-            here = slice(start, start + n_chunk)
+        for here in chunks(len(dx_px), len(rows) * len(cols)):
             row = np.clip(first_row[here, None] + len(rows) + rows, 0, padded.shape[0] - 1)
             col = np.clip(first_col[here, None] + len(cols) + cols, 0, padded.shape[1] - 1)
             block = padded[row[:, :, None], col[:, None, :]]
@@ -76,24 +74,17 @@ class SplineImage:
         down, across = self._matrix(0, dy_px), self._matrix(1, dx_px)
         return np.asarray(down @ self.coefficient @ across.T)
 
-    def _box(self, axis: int) -> float:
-        """Length of a pixel along an axis [samples]."""
-        return self.oversample * (self.pixel_aspect if axis == 0 else 1.0)
-
-    def _position(self, axis: int, offset_px: F64) -> F64:
-        """Centres of pixels in numbers of coefficients."""
-        return np.asarray(offset_px * self._box(axis) + 0.5 * (self.coefficient.shape[axis] - 1))
-
-    def _half_band(self, axis: int) -> float:
-        return half_band(self._box(axis), self.smear_px * self.oversample)
-
     def _band(self, axis: int, offset_px: F64) -> tuple[NDArray[np.int64], F64]:
         """Return the first coefficient that matters to each pixel, and the integrals over the pixel of all that do."""
-        position = self._position(axis, offset_px)
-        half = self._half_band(axis)
+        box = self.oversample * (self.pixel_aspect if axis == 0 else 1.0)  # length of a pixel [samples]
+        position = offset_px * box + 0.5 * (self.coefficient.shape[axis] - 1)  # in numbers of coefficients
+        half = half_band(box, self.smear_px * self.oversample)
         first = np.ceil(position - half).astype(np.int64)
         number = np.arange(int(2.0 * half) + 1)
-        return first, self._integral(axis, position[:, None] - first[:, None] - number)
+        distance = position[:, None] - first[:, None] - number
+        if self.blurred is None:
+            return first, _box_integral(distance, box)
+        return first, _cubic_through(self.blurred[axis], np.abs(distance) * N_FINE)
 
     def _matrix(self, axis: int, offset_px: F64) -> F64:
         """Return the integrals over each pixel of each coefficient's spline, shape (n, n_coefficient)."""
@@ -104,12 +95,6 @@ class SplineImage:
         inside = (column >= 0) & (column < matrix.shape[1])
         matrix[row[inside], column[inside]] = band[inside]
         return matrix
-
-    def _integral(self, axis: int, distance: F64) -> F64:
-        """Return the integral of B over a pixel whose centre lies at a distance [samples] from B's."""
-        if self.blurred is None:
-            return _box_integral(distance, self._box(axis))
-        return _cubic_through(self.blurred[axis], np.abs(distance) * N_FINE)
 
 
 def half_band(box: float, blur: float) -> float:
@@ -191,7 +176,7 @@ N_PROBE = 24
 """The same to find the distance of its nodes."""
 
 
-def image_table(pattern: SplineImage, error: float, n_point: int, real: type = np.float32) -> EpsfTable:
+def image_table(pattern: SplineImage, error: float, n_point: int, real: type) -> EpsfTable:
     """Build the table of an image; its error, against the spline, is at most `error`."""
     step_px = _step_px(pattern, error, n_point)
     for _ in range(N_REFINE):

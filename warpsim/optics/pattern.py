@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.optics.bessel import jinc
-from warpsim.optics.flow import BLUR_REACH, CHUNK, STEP, FlowProfile, blurred, profile_from_values
+from warpsim.optics.flow import BLUR_REACH, STEP, FlowProfile, blurred, chunks, profile_from_values
 
 F64 = NDArray[np.float64]
 
@@ -110,10 +110,8 @@ class AiryPattern:
         blur = np.exp(-2.0 * (np.pi * self.smear_px * frequency) ** 2)
         weights = 0.5 * highest * gauss * np.pi * transfer * blur * frequency
         value = np.empty_like(r_px)
-        n_chunk = max(1, CHUNK // len(node))
-        for start in range(0, len(r_px), n_chunk):
-            r = r_px[start : start + n_chunk, None]
-            value[start : start + n_chunk] = jinc(2.0 * np.pi * frequency * r) @ weights
+        for here in chunks(len(r_px), len(node)):
+            value[here] = jinc(2.0 * np.pi * frequency * r_px[here, None]) @ weights
         return profile_from_values(value, step_px, self.scale_px)
 
 

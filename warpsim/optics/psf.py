@@ -140,7 +140,8 @@ class PsfTable:
     def __post_init__(self) -> None:
         if np.ndim(self.image) != 2 or np.asarray(self.image).dtype.kind not in "fiub":
             rule = "must be an array of numbers of two axes"
-            raise InputError(rule, "image", _array_words(self.image), "s").of("PsfTable")
+            array = np.asarray(self.image)
+            raise InputError(rule, "image", f"shape {array.shape} of {array.dtype}", "s").of("PsfTable")
         try:
             image = checked_samples(self.image)
         except InputError as error:
@@ -177,11 +178,6 @@ def checked_samples(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     if not samples.sum() > 0.0:
         raise InputError("must have a positive sum")
     return samples
-
-
-def _array_words(value: Any) -> str:
-    array = np.asarray(value)
-    return f"shape {array.shape} of {array.dtype}"
 
 
 Psf = PsfGaussian | PsfAiry | PsfTable

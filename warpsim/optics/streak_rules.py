@@ -55,7 +55,7 @@ def streak_rules(device: wp.Device | str) -> Any:
 @cache
 def _rules_on(device: str) -> Any:
     counts = list(LONGEST_STREAK)
-    node, weight = _all_nodes()
+    node, weight = (np.concatenate(parts) for parts in zip(*map(gauss_legendre, counts), strict=True))
     longest = np.array([(np.inf, *LONGEST_STREAK[count]) for count in counts]).T
     rules: Any = StreakRules()
     rules.count = wp.array(counts, dtype=wp.int32, device=device)
@@ -64,13 +64,6 @@ def _rules_on(device: str) -> Any:
     rules.weight = wp.array(weight, dtype=wp.float64, device=device)
     rules.longest = wp.array(np.minimum(longest, NO_LIMIT).copy(), dtype=wp.float32, device=device)
     return rules
-
-
-@cache
-def _all_nodes() -> tuple[F64, F64]:
-    """Nodes and weights of all rules, one after the other; the weights of a rule sum to 1."""
-    rules = [gauss_legendre(count) for count in LONGEST_STREAK]
-    return np.concatenate([node for node, _ in rules]), np.concatenate([weight for _, weight in rules])
 
 
 LEAST_TRANSFER = 2e-6

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar, cast
 
 import numpy as np
 from warpsim_kernels.table_layout import CELL_DEGREES, TableLayout, n_term_of
@@ -37,32 +38,26 @@ STORE_BYTES = 256 * 2**20
 
 TabulatedPsf = PsfAiry | PsfTable
 
-
-class _Store:
-    """The tables used last, up to STORE_BYTES."""
-
-    def __init__(self) -> None:
-        self._tables: OrderedDict[tuple[object, ...], EpsfTable | CellTable] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def get(self, key: tuple[object, ...]) -> EpsfTable | CellTable | None:
-        with self._lock:
-            if key in self._tables:
-                self._tables.move_to_end(key)
-            return self._tables.get(key)
-
-    def drop(self, key: tuple[object, ...]) -> None:
-        with self._lock:
-            self._tables.pop(key, None)
-
-    def put(self, key: tuple[object, ...], table: EpsfTable | CellTable) -> None:
-        with self._lock:
-            self._tables[key] = table
-            while len(self._tables) > 1 and sum(kept.n_byte for kept in self._tables.values()) > STORE_BYTES:
-                self._tables.popitem(last=False)
+Table = TypeVar("Table", EpsfTable, CellTable)
 
 
-_STORE = _Store()
+_STORE: OrderedDict[tuple[object, ...], EpsfTable | CellTable] = OrderedDict()
+"""The tables used last, up to STORE_BYTES."""
+_LOCK = threading.Lock()
+
+
+def _stored(key: tuple[object, ...], make: Callable[[], Table]) -> Table:
+    """The table of a key, made where it is not at hand."""
+    with _LOCK:
+        if key in _STORE:
+            _STORE.move_to_end(key)
+            return cast(Table, _STORE[key])
+    table = make()
+    with _LOCK:
+        _STORE[key] = table
+        while len(_STORE) > 1 and sum(kept.n_byte for kept in _STORE.values()) > STORE_BYTES:
+            _STORE.popitem(last=False)
+    return table
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,16 +84,12 @@ def epsf_table(
 
 
 def _nodes(psf: TabulatedPsf, pixel_aspect: float, error: float, n_point: int, real: type) -> EpsfTable:
-    key = psf, pixel_aspect, error, n_point, real
-    table = _STORE.get(key)
-    if table is None:
+    def make() -> EpsfTable:
         if isinstance(psf, PsfAiry):
-            table = airy_table(_airy_pattern(psf), pixel_aspect, error, n_point, real)
-        else:
-            table = image_table(_spline(psf, pixel_aspect), error, n_point, real)
-        _STORE.put(key, table)
-    assert isinstance(table, EpsfTable)
-    return table
+            return airy_table(_airy_pattern(psf), pixel_aspect, error, n_point, real)
+        return image_table(_spline(psf, pixel_aspect), error, n_point, real)
+
+    return _stored((psf, pixel_aspect, error, n_point, real), make)
 
 
 def fitted_nodes(psf: TabulatedPsf, pixel_aspect: float, error: float) -> EpsfTable | None:
@@ -112,17 +103,17 @@ def fitted_nodes(psf: TabulatedPsf, pixel_aspect: float, error: float) -> EpsfTa
 def polynomials(psf: TabulatedPsf, pixel_aspect: float, error: float, degree: int) -> CellTable:
     """Return the polynomials that a point spread function is drawn with; they are fitted once, as long as in use."""
     _check(pixel_aspect, error, NODE_POINTS)
-    key = psf, pixel_aspect, error, degree, "cells"
-    table = _STORE.get(key)
-    if table is None:
+
+    def make() -> CellTable:
         nodes, n_cell = fitted_nodes(psf, pixel_aspect, error), _cells(psf, pixel_aspect, error, degree)
         table = None if nodes is None or n_cell is None else cell_table(nodes, degree, error, n_cell)
         if table is None:
             raise InputError(f"an error of {error:g} needs too many cells; allow more").of("psf tables")
-        _STORE.put(key, table)
-        _STORE.drop((psf, pixel_aspect, NODE_PART * error, NODE_POINTS, np.float64))
-    assert isinstance(table, CellTable)
-    return table
+        with _LOCK:  # nodes are needed no more
+            _STORE.pop((psf, pixel_aspect, NODE_PART * error, NODE_POINTS, np.float64), None)
+        return table
+
+    return _stored((psf, pixel_aspect, error, degree, "cells"), make)
 
 
 def drawn_tables(

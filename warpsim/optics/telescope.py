@@ -174,12 +174,8 @@ class Optics:
         Raises:
             InputError: A file cannot be read.
         """
-        return {path: read_psf_file(path)[1] for path in self._files}
-
-    @property
-    def _files(self) -> list[str]:
         paths = self.psf_file.values() if isinstance(self.psf_file, Mapping) else [self.psf_file]
-        return [path for path in dict.fromkeys(paths) if path is not None]
+        return {path: read_psf_file(path)[1] for path in dict.fromkeys(paths) if path is not None}
 
     def _image_of(self, band: str) -> npt.NDArray[np.float64]:
         if isinstance(self.psf_file, Mapping) and band not in self.psf_file:

@@ -8,8 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.background.pixel_image import read_pixel_image
-from warpsim.background.sky_map import sky_map_sizes
+from warpsim.background.user_maps import read_pixel_image, sky_map_sizes
 from warpsim.background.zodiacal import zodiacal_map
 from warpsim.constants import ASTRONOMICAL_UNIT_M
 from warpsim.output.check_views import field_contents

@@ -16,9 +16,9 @@ from warpsim.radiometry.sun_and_earth import earth_spectrum, solar_spectrum
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.space_motion import position_of
+from warpsim.sky.places import position_of
 from warpsim.sky.star_counts import irradiance_counts, magnitude_counts
-from warpsim.sky.stellar_templates import GIANT, template_temperature_k, template_wavelength_um, templates
+from warpsim.sky.stellar_templates import GIANT, templates
 from warpsim.sky.synthetic import GALACTIC_OF_ICRS
 
 if TYPE_CHECKING:
@@ -264,12 +264,12 @@ def _draw_responses(ax: Axes, bands: dict[str, Band]) -> None:
 def _background(wavelength_um: Array) -> list[tuple[str, dict[str, Any], Array]]:
     """Label, style and spectrum per wavelength of the Sun, a star and the Earth."""
     sun, earth = solar_spectrum().at(wavelength_um), earth_spectrum()
-    node = int(np.argmin(np.abs(template_temperature_k() - GIANT_K)))
-    giant = np.interp(wavelength_um, template_wavelength_um(), templates()[GIANT, node])
+    node = int(np.argmin(np.abs(templates().temperature_k - GIANT_K)))
+    giant = np.interp(wavelength_um, templates().wavelength_um, templates().spectrum[GIANT, node])
     emitted = earth.radiance_w_m2_sr_um(wavelength_um)
     return [
         ("Sun", {"color": ORANGE}, sun),
-        (f"giant, {template_temperature_k()[node]:.0f} K", {"color": VERMILION}, giant),
+        (f"giant, {templates().temperature_k[node]:.0f} K", {"color": VERMILION}, giant),
         ("Earth, emitted", {"color": BLUE}, emitted),
         ("Earth, reflected sunlight", {"color": BLUE, "linestyle": ":"}, sun * earth.albedo.at(wavelength_um)),
     ]

@@ -26,9 +26,8 @@ from warpsim_kernels.records import View
 
 from warpsim.background.earth_limb import limb_profile
 from warpsim.background.moon import MOON_RADIUS_M, moon_brightness_w_cm2, moon_position_m
-from warpsim.background.pixel_image import read_pixel_image
-from warpsim.background.sky_map import sky_map_plates
 from warpsim.background.sky_plates import SkyPlate, sky_cube
+from warpsim.background.user_maps import read_pixel_image, sky_map_plates
 from warpsim.background.zodiacal import ECLIPTIC_AXES, zodiacal_map
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 from warpsim.launches import to_numpy

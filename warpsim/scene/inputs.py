@@ -7,7 +7,7 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
-from warpsim.background.function_map import function_checksum
+from warpsim.background.user_maps import function_checksum
 from warpsim.config.fields import FUNCTION
 from warpsim.detector.pixel_maps import SENSOR_FIELD
 from warpsim.scene.instrument import Instrument

@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpsim.errors import InputError, errors_at
+from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
-from warpsim.sky.catalog_columns import checked_columns, checked_limits, joined
-from warpsim.sky.catalog_table import columns_of_table, table_of
-from warpsim.sky.region import checked_region
-from warpsim.sky.space_motion import J2000_JYEAR, checked_jyear, paper_motion, rigorous_motion
+from warpsim.sky.catalog_columns import checked_columns, checked_limits
+from warpsim.sky.places import J2000_JYEAR, checked_jyear, paper_motion, rigorous_motion
+from warpsim.sky.readers.own_table import stars_of_table, table_of
 from warpsim.sky.star_photometry import warn_colours
-from warpsim.sky.stars import Array, Stars, frozen
+from warpsim.sky.stars import MOVED, Array, Stars, joined
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -107,27 +106,24 @@ class StarCatalog(Stars):
             InputError: Shapes that differ, values that are not numbers, positions out of range, negative or infinite
                 flux, or an unknown band.
         """
-        numbers = {
-            "ra_deg": ra_deg,
-            "dec_deg": dec_deg,
-            "pm_ra_mas_yr": pm_ra_mas_yr,
-            "pm_dec_mas_yr": pm_dec_mas_yr,
-            "parallax_mas": parallax_mas,
-            "temperature_k": temperature_k,
-            "luminosity": luminosity,
-            "quality": quality,
-        }
-        columns = checked_columns(
-            numbers,
-            flux_jy,
-            flux_flag,
-            id,
+        stars = checked_columns(
+            ra_deg=ra_deg,
+            dec_deg=dec_deg,
+            pm_ra_mas_yr=pm_ra_mas_yr,
+            pm_dec_mas_yr=pm_dec_mas_yr,
+            parallax_mas=parallax_mas,
+            temperature_k=temperature_k,
+            luminosity=luminosity,
+            quality=quality,
+            flux_jy=flux_jy,
+            flux_flag=flux_flag,
+            id=id,
             spectral_type=spectral_type,
             epoch_jyear=epoch_jyear,
             name=name,
             provenance=provenance,
         )
-        return cls._of_columns(columns)
+        return cls._of(stars)
 
     @classmethod
     def from_table(cls, table: Table, name: str | None = None) -> StarCatalog:
@@ -149,7 +145,7 @@ class StarCatalog(Stars):
             InputError: A column is missing, has another kind of unit, is of an unknown band, or breaks a rule of
                 from_arrays; or a band has both flux and magnitude.
         """
-        return cls._of_columns(columns_of_table(table, name))
+        return cls._of(stars_of_table(table, name))
 
     @classmethod
     def read(
@@ -196,20 +192,18 @@ class StarCatalog(Stars):
         from warpsim.sky.readers.options import ReadOptions
         from warpsim.sky.readers.read import read_stars
 
-        with errors_at("region"):
-            cones = checked_region(region)
-        stars = read_stars(path, ReadOptions(format, columns, table, epoch_jyear, readme, cones, limit))
-        catalog = cls._of_files([stars if fill else stars.unfilled()])
-        if stars.is_own and fill:
+        stars = read_stars(path, ReadOptions(format, columns, table, epoch_jyear, readme, region, limit))
+        catalog = cls._of_files([stars])
+        if not fill:
+            return catalog._lit(filled=False)
+        if stars.is_own:
             warn_colours(str(path), catalog._photometry)
         return catalog
 
     @classmethod
     def _of_files(cls, parts: Sequence[StarsOfFile]) -> StarCatalog:
         """The stars of some files, one behind the other, at the epoch that readers move them to."""
-        if not parts:
-            return cls.from_arrays([], [], {})
-        return cls._of_columns(joined([part.columns for part in parts])).at_epoch(parts[0].target_epoch_jyear)
+        return cls._of(joined([part.stars for part in parts])).at_epoch(parts[0].target_epoch_jyear)
 
     @staticmethod
     def union() -> StarCatalog:
@@ -238,9 +232,9 @@ class StarCatalog(Stars):
         Raises:
             InputError: Neither or both of n_star and limit_jy, or a value out of range.
         """
-        from warpsim.sky.synthetic import synthetic_columns
+        from warpsim.sky.synthetic import synthetic_stars
 
-        return StarCatalog._of_columns(synthetic_columns(n_star, limit_jy, sky, seed))
+        return StarCatalog._of(synthetic_stars(n_star, limit_jy, sky, seed))
 
     def filled(self, limit_jy: Mapping[str, Array] | None = None) -> StarCatalog:
         """Return the catalog with unknown fluxes predicted from the spectrum; their flux_flag is 3.
@@ -255,7 +249,11 @@ class StarCatalog(Stars):
             InputError: Limits of an unknown band, of another shape, negative or no numbers.
         """
         limits = self._photometry.limit_jy if limit_jy is None else checked_limits(limit_jy, len(self))
-        photometry = replace(self._photometry, filled=True, limit_jy=limits)
+        return self._lit(filled=True, limit_jy=limits)
+
+    def _lit(self, **light: Any) -> StarCatalog:
+        """The catalog with some fields of its photometry changed, at every epoch."""
+        photometry = replace(self._photometry, **light)
         origin = None if self._origin is None else replace(self._origin, _photometry=photometry)
         return replace(self, _photometry=photometry, _origin=origin)
 
@@ -288,27 +286,25 @@ class StarCatalog(Stars):
         origin = self if self._origin is None else self._origin
         if epoch_jyear == origin.epoch_jyear:
             return origin
-        moved: dict[str, Array] = {}
+        moved: dict[str, Any] = {}
         start = (origin.ra_deg, origin.dec_deg, origin.pm_ra_mas_yr, origin.pm_dec_mas_yr)
         if np.any(origin.pm_ra_mas_yr) or np.any(origin.pm_dec_mas_yr):
             years = epoch_jyear - origin.epoch_jyear
             if physics == "paper":
-                moved = dict(zip(("ra_deg", "dec_deg"), paper_motion(*start, years), strict=True))
+                moved = dict(zip(MOVED[:2], paper_motion(*start, years), strict=True))
             else:
                 *numbers, distance = rigorous_motion(*start, years)
-                names = ("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas")
-                moved = dict(zip(names, (*numbers, origin.parallax_mas / distance), strict=True))
-        columns: dict[str, Any] = {key: frozen(values) for key, values in moved.items()}
-        return replace(origin, **columns, epoch_jyear=epoch_jyear, _origin=origin)
+                moved = dict(zip(MOVED, (*numbers, origin.parallax_mas / distance), strict=True))
+        return replace(origin, **moved, epoch_jyear=epoch_jyear, _origin=origin)
 
 
 @functools.cache
 def _embedded() -> tuple[StarCatalog, NDArray[np.int64]]:
     """All embedded stars, and the rows of those for the infrared."""
-    from warpsim.sky.default_catalog import default_columns
+    from warpsim.sky.default_catalog import embedded_stars
 
-    columns, infrared = default_columns()
-    return StarCatalog._of_columns(columns), infrared
+    stars, infrared = embedded_stars()
+    return StarCatalog._of(stars), infrared
 
 
 @functools.cache
@@ -328,6 +324,6 @@ def _default_in(bands: frozenset[Band], infrared: bool) -> StarCatalog:
 
 @functools.cache
 def _union() -> StarCatalog:
-    from warpsim.sky.hip_gaia import union_columns
+    from warpsim.sky.hip_gaia import union_catalog
 
-    return StarCatalog._of_columns(union_columns())
+    return StarCatalog._of(union_catalog())

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpsim.errors import InputError, printable
+from warpsim.errors import InputError, errors_at, printable
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.photometric_bands import (
     FLUX_FILLED,
@@ -23,8 +22,9 @@ from warpsim.sky.photometric_bands import (
     flux_column,
     photometric_bands,
 )
-from warpsim.sky.space_motion import J2000_JYEAR, checked_jyear, wrapped_deg
+from warpsim.sky.places import J2000_JYEAR, checked_jyear, wrapped_deg
 from warpsim.sky.spectral_types import CLASS_UNKNOWN, of_spectral_types, warn_unknown_types
+from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_templates import DWARF
 
 Array = NDArray[np.float64]
@@ -72,50 +72,11 @@ COLOUR = "b_v_mag"
 """Column of B-V, which makes a flux in B of one in V."""
 
 
-@dataclass(frozen=True)
-class StarColumns:
-    """Columns of a catalog, which break no rule; the fields are those of StarCatalog, every array is (n,)."""
-
-    ra_deg: Array
-    dec_deg: Array
-    pm_ra_mas_yr: Array
-    pm_dec_mas_yr: Array
-    parallax_mas: Array
-    temperature_k: Array
-    luminosity: NDArray[np.int8]
-    quality: NDArray[np.int64]
-    epoch_jyear: float
-    name: str
-    provenance: str
-    flux_jy: Mapping[str, Array]
-    """Flux density [Jy] by photometric band, those that the catalog has; NaN where unknown."""
-
-    flux_flag: Mapping[str, NDArray[np.uint8]]
-    """What the fluxes are, for the same bands: 0 unknown, 1 measured, 2 predicted by the catalog."""
-
-    id: NDArray[Any]
-    """Names, or whole numbers that spell_id spells out."""
-
-    spell_id: tuple[str, str] = ("", "")
-    """Prefix of a whole number in id, and prefix of the row where that number is 0: ("HIP ", "HGI ")."""
-
-    filled: bool = False
-    """Whether the other fluxes are to be predicted from the spectrum."""
-
-    type_temperature_k: Array | None = None
-    """Temperatures of a dwarf and of a giant of the star's spectral type [K], (n, 2), NaN without a type: for stars of
-    whose temperature neither temperature_k nor a colour gives."""
-
-    limit_jy: Mapping[str, Array] = field(default_factory=dict)
-    """Upper limits of predicted fluxes by band [Jy], NaN for none."""
-
-
 def checked_columns(
-    numbers: Mapping[str, ArrayLike | None],
+    *,
     flux_jy: Mapping[str, ArrayLike],
     flux_flag: Mapping[str, ArrayLike] | None = None,
     id: ArrayLike | None = None,
-    *,
     spectral_type: ArrayLike | None = None,
     limit_jy: Mapping[str, ArrayLike] | None = None,
     epoch_jyear: float = J2000_JYEAR,
@@ -124,11 +85,12 @@ def checked_columns(
     file: str | None = None,
     line_of_row: NDArray[np.int64] | None = None,
     first_row: int = 0,
-) -> StarColumns:
-    """Columns that break no rule, of stars that have finite coordinates.
+    filled: bool = False,
+    **numbers: ArrayLike | None,
+) -> Stars:
+    """The stars of columns, of which those without finite coordinates are left out.
 
     Args:
-        numbers: Columns of NUMBER_UNITS, each (n,); ra_deg and dec_deg must be there, None stands for unknown.
         flux_jy: Flux density [Jy] by photometric band.
         flux_flag: Kinds of the fluxes, by band; measured where left out.
         id: Names; "1", "2", ... if left out.
@@ -140,6 +102,11 @@ def checked_columns(
         file: For the warning about stars without finite coordinates; `name` if left out.
         line_of_row: Lines of the stars in that file, for the same.
         first_row: Row of the first of them in the file; where they have no names, that of row 0 is "1".
+        filled: Whether unknown fluxes are to be predicted; so they are, too, where flags say that some were.
+        numbers: Columns of NUMBER_UNITS, each (n,); ra_deg and dec_deg must be there, None stands for unknown.
+
+    Raises:
+        InputError: A column breaks a rule.
     """
     columns = _vectors(numbers, flux_jy, flux_flag or {})
     n_star = len(columns["ra_deg"])
@@ -161,12 +128,12 @@ def checked_columns(
         limits = {band: values[located] for band, values in limits.items()}
     _check_ranges(columns, rows)
     type_k = _fill_from_type(columns, texts["spectral_type"], name) if "spectral_type" in texts else None
-    given_jy, given_flag, filled = _given_fluxes(columns, flux_jy, rows)
+    given_jy, given_flag, were_filled = _given_fluxes(columns, flux_jy, rows)
     columns["ra_deg"] = wrapped_deg(columns["ra_deg"])
     of_type: dict[str, Any] = {
         key: columns[key].astype(_WHOLE.get(key, np.float64), copy=False) for key in NUMBER_UNITS
     }
-    return StarColumns(
+    return Stars._made(
         **of_type,
         epoch_jyear=checked_jyear(epoch_jyear, "epoch_jyear"),
         name=printable(name),
@@ -174,7 +141,7 @@ def checked_columns(
         flux_jy=given_jy,
         flux_flag=given_flag,
         id=_printable_ids(texts["id"]),
-        filled=filled,
+        filled=filled or were_filled,
         type_temperature_k=type_k,
         limit_jy=limits,
     )
@@ -188,63 +155,6 @@ def _printable_ids(ids: NDArray[Any]) -> NDArray[Any]:
         for row in np.flatnonzero(odd.any(axis=1)).tolist():
             ids[row] = printable(str(ids[row]))
     return ids
-
-
-def selected(columns: StarColumns, rows: NDArray[Any]) -> StarColumns:
-    """Columns of some of the stars, by a mask or by row numbers."""
-
-    def of(values: Any) -> Any:
-        if isinstance(values, Mapping):
-            return {key: of(one) for key, one in values.items()}
-        return values[rows] if isinstance(values, np.ndarray) else values
-
-    return replace(columns, **{one.name: of(getattr(columns, one.name)) for one in fields(columns)})
-
-
-def joined(parts: Sequence[StarColumns]) -> StarColumns:
-    """Columns of all stars of several parts of a catalog, one behind the other; bands are those of any of them.
-
-    Raises:
-        InputError: Their epochs differ.
-    """
-    first = parts[0]
-    if len(parts) == 1:
-        return first
-    for part in parts:
-        if part.epoch_jyear != first.epoch_jyear:
-            rule = (
-                f"must be of one epoch, got {first.epoch_jyear:g} ({first.name}) and {part.epoch_jyear:g} ({part.name})"
-            )
-            raise InputError(rule, "epoch_jyear")
-
-    def by_band(name: str, unknown: Any) -> dict[str, NDArray[Any]]:
-        bands = dict.fromkeys(band for part in parts for band in getattr(part, name))
-        return {band: _behind([getattr(part, name).get(band) for part in parts], sizes, unknown) for band in bands}
-
-    sizes = [len(part.ra_deg) for part in parts]
-    types = [part.type_temperature_k for part in parts]
-    has_type = any(values is not None for values in types)
-    behind: dict[str, Any] = {
-        key: np.concatenate([getattr(part, key) for part in parts]) for key in (*NUMBER_UNITS, "id")
-    }
-    return replace(
-        first,
-        **behind,
-        flux_jy=by_band("flux_jy", np.nan),
-        flux_flag=by_band("flux_flag", np.uint8(0)),
-        limit_jy=by_band("limit_jy", np.nan),
-        type_temperature_k=_behind(types, sizes, np.array([np.nan, np.nan])) if has_type else None,
-        filled=all(part.filled for part in parts),
-    )
-
-
-def _behind(values: Sequence[NDArray[Any] | None], sizes: Sequence[int], unknown: Any) -> NDArray[Any]:
-    """Arrays one behind the other, `unknown` where there is none."""
-    pieces = [
-        np.broadcast_to(unknown, (size, *np.shape(unknown))) if one is None else one
-        for one, size in zip(values, sizes, strict=True)
-    ]
-    return np.concatenate(pieces)
 
 
 def _fill_from_type(columns: dict[str, Array], spectral_type: NDArray[np.str_], name: str) -> Array:
@@ -319,13 +229,11 @@ def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, 
     limits = {}
     for band, values in limit_jy.items():
         check_flux_band(band, "limit_jy")
-        try:
+        with errors_at("limit_jy"):
             limits[band] = _vector(values, band)
             if limits[band].shape != (n_star,):
                 raise InputError(f"must have shape ({n_star},)", band, limits[band].shape)
             _check_range(limits[band], 0.0, LARGEST_FLUX_JY, band, np.arange(n_star))
-        except InputError as error:
-            raise error.within("limit_jy") from None
     return limits
 
 

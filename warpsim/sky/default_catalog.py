@@ -16,9 +16,8 @@ from warpsim_catalogs import path
 
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band
-from warpsim.sky.catalog_columns import StarColumns
 from warpsim.sky.photometric_bands import FLUX_MEASURED, FLUX_NONE, flux_of_magnitude_jy
-from warpsim.sky.space_motion import J2000_JYEAR
+from warpsim.sky.places import J2000_JYEAR
 from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_spectrum import check_band
 from warpsim.sky.stellar_templates import DWARF, GIANT, colour, colour_temperature_k
@@ -92,10 +91,10 @@ class HipGaiaStars:
     source_id: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     """Gaia DR3 source that gives the magnitude, 0 where Hipparcos does; empty in the shipped file."""
 
-    def columns(self, name: str, id: NDArray[Any], spell_id: tuple[str, str] = ("", "")) -> StarColumns:
-        """Return the columns of a catalog: G and Hp are its fluxes."""
+    def catalog(self, name: str, id: NDArray[Any], spell_id: tuple[str, str] = ("", "")) -> Stars:
+        """Return the stars of a catalog: G and Hp are its fluxes."""
         flux_jy = {"G": flux_of_magnitude_jy("G", self.g_mag), "Hp": flux_of_magnitude_jy("Hp", self.hp_mag)}
-        return StarColumns(
+        return Stars._made(
             ra_deg=self.ra_deg,
             dec_deg=self.dec_deg,
             pm_ra_mas_yr=self.pm_ra_mas_yr,
@@ -164,10 +163,10 @@ def unpacked(packed: Mapping[str, NDArray[Any]]) -> HipGaiaStars:
     )
 
 
-def default_columns() -> tuple[StarColumns, NDArray[np.int64]]:
-    """Return the columns of all shipped stars, and the rows of the 177,860 brightest at 8.3 um."""
+def embedded_stars() -> tuple[Stars, NDArray[np.int64]]:
+    """Return all shipped stars, and the rows of the 177,860 brightest at 8.3 um."""
     stars = default_stars()
-    return stars.columns(_NAME, stars.hip, ("HIP ", "HGI ")), np.flatnonzero(stars.infrared)
+    return stars.catalog(_NAME, stars.hip, ("HIP ", "HGI ")), np.flatnonzero(stars.infrared)
 
 
 def visible_bands(bands: Iterable[Band | str]) -> tuple[frozenset[Band], bool]:

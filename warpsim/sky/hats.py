@@ -6,7 +6,12 @@ HATS: Hierarchical Adaptive Tiling Scheme, LSST Interdisciplinary Network for Co
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import csv
+import itertools
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -14,23 +19,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.directions import unit_vectors
-from warpsim.errors import InputError
-from warpsim.sky.hats_partitions import (
-    PARTITION_INFO,
-    HatsTile,
-    check_apart,
-    check_listed,
-    check_metadata,
-    read_partition_info,
-    text_of,
-    tiles_in,
-)
-from warpsim.tables.by_astropy import ParquetFile
+from warpsim.errors import InputError, errors_at
+from warpsim.tables.by_astropy import ParquetFile, rows_of_files
 
 _PROPERTIES = ("hats.properties", "properties", "catalog_info.json")
 _COLLECTION = "collection.properties"
 _CONES_AT_A_TIME = 256
 _NAME_KEY, _PRIMARY_KEY = "obs_collection", "hats_primary_table_url"
+_PARTITION_INFO, _METADATA = "partition_info.csv", "_metadata"
+_PARTITION = re.compile(r"Norder=(\d+)/Dir=\d+/Npix=(\d+)(?:\.\w+)?$")
+_FINEST_ORDER = 29
+
+
+@dataclass(frozen=True)
+class HatsTile:
+    """The stars in one pixel."""
+
+    order: int
+    pixel: int
+    """In nested order."""
+
+    path: Path
 
 
 def is_hats(folder: Path) -> bool:
@@ -58,15 +67,15 @@ class HatsFolder:
         if frame.lower() not in ("equatorial", "icrs"):
             raise InputError("must be equatorial", "hats_frame", frame).of(self.folder)
         base = self.folder / "dataset" if (self.folder / "dataset").is_dir() else self.folder
-        found = tiles_in(base)
+        found = _tiles_in(base)
         if not found:
             raise InputError("must hold partitions Norder=K/Dir=D/Npix=N.parquet").of(self.folder)
-        check_apart(found, self.folder)
-        self._listed = read_partition_info(self.folder / PARTITION_INFO)
+        _check_apart(found, self.folder)
+        self._listed = _read_partition_info(self.folder / _PARTITION_INFO)
         if self._listed:
-            check_listed(found, self._listed, self.folder)
+            _check_listed(found, self._listed, self.folder)
         else:
-            check_metadata(base)
+            _check_metadata(base)
         self._cosine: tuple[float, NDArray[np.float64]] = -1.0, np.zeros(0)
         # In the order of the finest pixels, which is that of the sky whatever their sizes are.
         finest = max(tile.order for tile in found)
@@ -79,7 +88,11 @@ class HatsFolder:
         listed = [self._listed.get(key) for key in keys]
         if len(set(keys)) == len(keys) and None not in listed:
             return np.array(listed, dtype=np.int64)
-        return np.array([_n_row_of(tile.path) for tile in self.tiles], dtype=np.int64)
+        n_row = []
+        for tile in self.tiles:
+            with _reading(tile.path):
+                n_row.append(len(ParquetFile(tile.path)))
+        return np.array(n_row, dtype=np.int64)
 
     def near(self, region: Sequence[tuple[float, float, float]]) -> list[HatsTile]:
         """Return the tiles that may hold stars in any of some cones, (ra_deg, dec_deg, radius_deg)."""
@@ -100,21 +113,13 @@ class HatsFolder:
         if self._cosine[0] != widest_rad:  # calls alike follow each other
             self._cosine = widest_rad, np.cos(np.minimum(reach_rad + widest_rad, np.pi))
         maybe = np.flatnonzero((centre @ direction.T).max(axis=1, initial=-1.0) >= self._cosine[1])
-        return maybe[self._are_near(centre[maybe], reach_rad[maybe], direction, radius_rad)]
-
-    @staticmethod
-    def _are_near(
-        centre: NDArray[np.float64],
-        reach_rad: NDArray[np.float64],
-        direction: NDArray[np.float64],
-        radius_rad: NDArray[np.float64],
-    ) -> NDArray[np.bool_]:
-        near = np.zeros(len(centre), dtype=np.bool_)
+        centre, reach_rad = centre[maybe], reach_rad[maybe]
+        near = np.zeros(len(maybe), dtype=np.bool_)
         for start in range(0, len(direction), _CONES_AT_A_TIME):
             some = slice(start, start + _CONES_AT_A_TIME)
             cosine = centre @ direction[some].T
             near |= (np.arccos(np.clip(cosine, -1.0, 1.0)) - radius_rad[some]).min(axis=1) <= reach_rad
-        return near
+        return maybe[near]
 
     @cached_property
     def _pixels(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -159,14 +164,104 @@ def _read_properties(path: Path) -> dict[str, str]:
     """Keys and values of a file of lines "key = value"; none where there is no such file."""
     if not path.is_file():
         return {}
-    pairs = (line.split("=", 1) for line in text_of(path).splitlines() if "=" in line and line[:1] != "#")
+    with _reading(path):
+        text = path.read_text("utf-8-sig")
+    pairs = (line.split("=", 1) for line in text.splitlines() if "=" in line and line[:1] != "#")
     return {key.strip(): value.strip() for key, value in pairs}
 
 
-def _n_row_of(path: Path) -> int:
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Name the file in errors of reading it."""
     try:
-        return len(ParquetFile(path))
+        yield
     except InputError as error:
         raise error.of(path) from None
+    except UnicodeDecodeError:
+        raise InputError("must be text in UTF-8").of(path) from None
+    except csv.Error as error:
+        raise InputError(f"cannot be read as a table: {error}").of(path) from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})").of(path) from None
+
+
+def _tiles_in(base: Path) -> list[HatsTile]:
+    """Return the partitions in a folder, in no order."""
+    found = []
+    for path in base.glob("Norder=*/Dir=*/Npix=*"):
+        if match := _PARTITION.search(path.as_posix()):
+            order, pixel = int(match[1]), int(match[2])
+            if order > _FINEST_ORDER or pixel >= 12 * 4**order:
+                rule = f"must be a pixel of HEALPix: Norder 0 to {_FINEST_ORDER}, Npix 0 to 12 x 4^Norder - 1"
+                raise InputError(rule).of(path)
+            files = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
+            found += [HatsTile(order, pixel, file) for file in files]
+    return found
+
+
+def _check_apart(tiles: Sequence[HatsTile], folder: Path) -> None:
+    """Raise where two partitions hold the same part of the sky: their stars would be there twice."""
+    spans = set()
+    for tile in tiles:
+        size = 4 ** (_FINEST_ORDER - tile.order)
+        whole = tile.path.parent if tile.path.parent.name.startswith("Npix=") else tile.path
+        spans.add((tile.pixel * size, -size, str(whole.relative_to(folder))))
+    in_order = sorted(spans)
+    for (start, minus_size, one), (next_start, _, other) in itertools.pairwise(in_order):
+        if next_start < start - minus_size:
+            raise InputError(f"must hold no pixel twice, got {one} and {other}").of(folder)
+
+
+def _read_partition_info(path: Path) -> dict[tuple[int, int], int | None]:
+    """Return rows by order and pixel as a list has them, None where it lacks them; none without a list."""
+    if not path.is_file():
+        return {}
+    listed: dict[tuple[int, int], int | None] = {}
+    with _reading(path):
+        table = csv.DictReader(path.read_text("utf-8-sig").splitlines(), skipinitialspace=True)
+        names = [(name or "").strip() for name in table.fieldnames or ()]
+        table.fieldnames = names
+        if not {"Norder", "Npix"} <= set(names):
+            raise InputError("must have the columns Norder and Npix", value=", ".join(names) or "none", form="s")
+        for row in table:
+            with errors_at("", f"line {table.line_num}"):
+                order, pixel = (_whole(row, name) for name in ("Norder", "Npix"))
+                listed[order, pixel] = _whole(row, "num_rows") if "num_rows" in names else None
+        if not listed:
+            raise InputError("must list partitions, got none")
+    return listed
+
+
+def _whole(row: Mapping[str, str | None], name: str) -> int:
+    text = (row[name] or "").strip()
+    if not re.fullmatch(r"\d{1,18}", text, re.ASCII):
+        raise InputError("must be a whole number >= 0", name, text)
+    return int(text)
+
+
+def _check_listed(tiles: Sequence[HatsTile], listed: Mapping[tuple[int, int], int | None], folder: Path) -> None:
+    """Raise unless the partitions are those of `partition_info.csv`; one of no rows needs no file."""
+    there = {(tile.order, tile.pixel) for tile in tiles}
+    missing = sorted(key for key, n_row in listed.items() if n_row != 0 and key not in there)
+    if missing:
+        order, pixel = missing[0]
+        of_all = f"({len(missing):,} of {len(listed):,} are missing)"
+        raise InputError(f"must hold Norder={order}, Npix={pixel}, which {_PARTITION_INFO} lists {of_all}").of(folder)
+    if others := sorted(there - listed.keys()):
+        order, pixel = others[0]
+        raise InputError(f"must list Norder={order}, Npix={pixel}, which is there ({len(others):,} such)").of(
+            folder / _PARTITION_INFO
+        )
+
+
+def _check_metadata(base: Path) -> None:
+    """Raise where files are missing that `_metadata` lists; an empty one needs not be there."""
+    path = base / _METADATA
+    if not path.is_file():
+        return
+    with _reading(path):
+        listed = rows_of_files(path)
+    missing = sorted(name for name, n_row in listed.items() if n_row and not (base / name).is_file())
+    if missing:
+        of_all = f"({len(missing):,} of {len(listed):,} are missing)"
+        raise InputError(f"must hold {missing[0]}, which {_METADATA} lists {of_all}").of(base)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
-from warpsim.sky.catalog_columns import StarColumns
 from warpsim.sky.default_catalog import HipGaiaStars
-from warpsim.sky.space_motion import J2000_JYEAR, rigorous_motion
+from warpsim.sky.places import J2000_JYEAR, rigorous_motion
 from warpsim.sky.spectral_types import of_spectral_types
+from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_templates import GIANT
 from warpsim.sky.visible_stars import UNCERTAIN, VisibleStars, by_gaia, by_hipparcos, hipparcos_v_mag
 
@@ -81,6 +81,11 @@ class Hipparcos:
 
     v_i_mag: Array
     """NaN where missing."""
+
+    def moved(self, epoch_jyear: float) -> tuple[Array, Array, Array, Array, Array]:
+        """Return right ascension, declination, their motions and relative distances at another epoch."""
+        years = epoch_jyear - HIPPARCOS_EPOCH_JYEAR
+        return rigorous_motion(self.ra_deg, self.dec_deg, self.pm_ra_mas_yr, self.pm_dec_mas_yr, years)
 
 
 @dataclass(frozen=True)
@@ -151,8 +156,7 @@ def match(star: Hipparcos, gaia: Gaia) -> tuple[Rows, NDArray[np.bool_]]:
         Row of the Hipparcos partner of each Gaia star, -1 for none, shape (n_gaia,); and whether a Hipparcos star is
         disputed, shape (n_hipparcos,): it has no partner, but Gaia has a star there that was taken for a companion.
     """
-    years = GAIA_EPOCH_JYEAR - HIPPARCOS_EPOCH_JYEAR
-    ra_deg, dec_deg, *_ = rigorous_motion(star.ra_deg, star.dec_deg, star.pm_ra_mas_yr, star.pm_dec_mas_yr, years)
+    ra_deg, dec_deg, *_ = star.moved(GAIA_EPOCH_JYEAR)
     star_row, gaia_row, separation_arcsec = close_pairs(ra_deg, dec_deg, gaia.ra_deg, gaia.dec_deg)
     companion = (gaia.g_mag[gaia_row] - star.hp_mag[star_row] > COMPANION_MAG) & (separation_arcsec > SAME_PLACE_ARCSEC)
 
@@ -206,9 +210,8 @@ def union_stars() -> HipGaiaStars:
     of_star = np.concatenate([partner[gaia_row], star_only])
     has_star = of_star >= 0
 
-    years = J2000_JYEAR - HIPPARCOS_EPOCH_JYEAR
-    motion = rigorous_motion(star.ra_deg, star.dec_deg, star.pm_ra_mas_yr, star.pm_dec_mas_yr, years)
-    star_ra_deg, star_dec_deg, star_pm_ra, star_pm_dec, _ = motion  # distances change by less than 1e-7
+    # Distances change by less than 1e-7.
+    star_ra_deg, star_dec_deg, star_pm_ra, star_pm_dec, _ = star.moved(J2000_JYEAR)
 
     def of_hipparcos(values: Array, otherwise: float) -> Array:
         """Spread values of the Hipparcos stars over the rows of the union."""
@@ -264,23 +267,21 @@ def _by_hipparcos(star: Hipparcos, rows: Rows, disputed: NDArray[np.bool_]) -> V
 
 def _beside(star: Hipparcos, star_row: Rows, gaia: Gaia, gaia_row: Rows) -> NDArray[np.bool_]:
     """Return whether each of the given Gaia stars lies beside one of the given Hipparcos stars when Gaia saw it."""
-    at, years = star_row, GAIA_EPOCH_JYEAR - HIPPARCOS_EPOCH_JYEAR
-    motion = rigorous_motion(star.ra_deg[at], star.dec_deg[at], star.pm_ra_mas_yr[at], star.pm_dec_mas_yr[at], years)
-    ra_deg, dec_deg, *_ = motion
-    _, near, arcsec = close_pairs(ra_deg, dec_deg, gaia.ra_deg[gaia_row], gaia.dec_deg[gaia_row])
+    ra_deg, dec_deg, *_ = star.moved(GAIA_EPOCH_JYEAR)
+    _, near, arcsec = close_pairs(ra_deg[star_row], dec_deg[star_row], gaia.ra_deg[gaia_row], gaia.dec_deg[gaia_row])
     beside = np.zeros(len(gaia_row), dtype=bool)
     beside[near[arcsec < BESIDE_ARCSEC]] = True
     return beside
 
 
-def union_columns() -> StarColumns:
-    """Return the columns of the union as a catalog."""
+def union_catalog() -> Stars:
+    """Return the union as a catalog."""
     stars = union_stars()
     names = [
         f"HIP {hip}" if hip else f"Gaia DR3 {source}"
         for hip, source in zip(stars.hip.tolist(), stars.source_id.tolist(), strict=True)
     ]
-    return stars.columns("hip-gaia-ir union", np.array(names, dtype=np.str_))
+    return stars.catalog("hip-gaia-ir union", np.array(names, dtype=np.str_))
 
 
 def _package_file(package: str, version: str, sha256: str) -> bytes:

@@ -84,6 +84,11 @@ class StarPhotometry:
 
     _flux_jy: dict[str, Array] = field(default_factory=dict, init=False, repr=False)
 
+    def __post_init__(self) -> None:
+        fluxes: list[NDArray[Any]] = [*self.given_jy.values(), *self.given_flag.values()]
+        for values in (*fluxes, self.temperature_k, self.luminosity):
+            frozen(values)
+
     def flux_jy(self, band: Band | str) -> Array:
         """Flux density as given [Jy], or predicted if `filled`; NaN where there is none."""
         name = flux_band(band).name
@@ -99,7 +104,7 @@ class StarPhotometry:
         if not self.filled:
             return given
         predicted = (given == FLUX_NONE) & np.isfinite(self._known_jy(name))
-        return _frozen(np.where(predicted, np.uint8(FLUX_FILLED), given))
+        return frozen(np.where(predicted, np.uint8(FLUX_FILLED), given))
 
     def irradiance_w_cm2(self, band: Band | str, physics: Physics = "physical") -> Array:
         """In-band irradiance [W/cm2]; 0 for stars without any flux. See StarCatalog.irradiance_w_cm2()."""
@@ -133,13 +138,16 @@ class StarPhotometry:
         luminosity = self.luminosity.astype(np.int64)
         rows = np.flatnonzero(luminosity < DWARF)
         if len(rows):
+            magnitude = np.full(len(rows), np.nan)
+            for name in ("G", "V", "Hp"):
+                magnitude = np.where(np.isnan(magnitude), self._magnitude(name, rows), magnitude)
             luminosity[rows] = luminosity_class(
-                self._first_magnitude(("G", "V", "Hp"), rows),
+                magnitude,
                 self._bp_rp_mag(rows),
                 self.parallax_mas[rows],
                 self.pm_mas_yr[rows],
             )
-        return _frozen(luminosity)
+        return frozen(luminosity)
 
     @functools.cached_property
     def spectrum_temperature_k(self) -> Array:
@@ -147,7 +155,7 @@ class StarPhotometry:
         temperature_k = self.temperature_k.copy()
         for bands, rows, colour_mag in self.telling_colours():
             temperature_k[rows] = colour_temperature_k(colour_mag, bands, self.spectrum_luminosity[rows])
-        return _frozen(np.where(np.isnan(temperature_k), UNKNOWN_TEMPERATURE_K, temperature_k))
+        return frozen(np.where(np.isnan(temperature_k), UNKNOWN_TEMPERATURE_K, temperature_k))
 
     def telling_colours(self) -> Iterator[tuple[tuple[str, str], Whole, Array]]:
         """Yield the colours that temperatures follow from, the surest first: bands, rows of stars, colours [mag]."""
@@ -169,20 +177,20 @@ class StarPhotometry:
         rows = rows[np.isnan(self._bp_rp_mag(rows))]
         temperature_k = self.temperature_k.copy()
         temperature_k[rows] = type_temperature_k[rows, self.spectrum_luminosity[rows]]
-        return replace(self, temperature_k=_frozen(temperature_k))
+        return replace(self, temperature_k=temperature_k)
 
     def rows(self, rows: Whole) -> StarPhotometry:
         """Return the photometry of the stars in some rows."""
 
         def of_rows(values: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-            return {name: _frozen(column[rows]) for name, column in values.items()}
+            return {name: column[rows] for name, column in values.items()}
 
         return replace(
             self,
             given_jy=of_rows(self.given_jy),
             given_flag=of_rows(self.given_flag),
-            temperature_k=_frozen(self.temperature_k[rows]),
-            luminosity=_frozen(self.luminosity[rows]),
+            temperature_k=self.temperature_k[rows],
+            luminosity=self.luminosity[rows],
             parallax_mas=self.parallax_mas[rows],
             pm_mas_yr=self.pm_mas_yr[rows],
             limit_jy=of_rows(self.limit_jy),
@@ -195,13 +203,6 @@ class StarPhotometry:
             colour_mag = self._magnitude(blue, rows) - self._magnitude(red, rows)
             bp_rp_mag = np.where(np.isnan(bp_rp_mag), colour_mag * bp_rp_per_colour, bp_rp_mag)
         return bp_rp_mag
-
-    def _first_magnitude(self, names: tuple[str, ...], rows: Whole) -> Array:
-        """Magnitude in the first of some bands in which there is one; NaN without."""
-        magnitude = np.full(len(rows), np.nan)
-        for name in names:
-            magnitude = np.where(np.isnan(magnitude), self._magnitude(name, rows), magnitude)
-        return magnitude
 
     def _magnitude(self, name: str, rows: Whole) -> Array:
         """Magnitude of the flux given in a band; NaN where there is none, or it is 0."""
@@ -222,7 +223,7 @@ class StarPhotometry:
                 rows = np.flatnonzero(np.isnan(flux_jy))
                 flux_jy = flux_jy.copy()
                 flux_jy[rows] = self._predicted_jy(name, rows)
-            self._flux_jy[name] = _frozen(flux_jy)
+            self._flux_jy[name] = frozen(flux_jy)
         return self._flux_jy[name]
 
     def _predicted_jy(self, name: str, rows: slice | NDArray[np.int64]) -> Array:
@@ -260,6 +261,7 @@ def warn_colours(name: str, photometry: StarPhotometry) -> None:
         warnings.warn(f"{name}: {n_beyond} of {n_star} stars {rule}", stacklevel=2)
 
 
-def _frozen(values: NDArray[Any]) -> NDArray[Any]:
+def frozen(values: NDArray[Any]) -> NDArray[Any]:
+    """Make an array read-only and return it."""
     values.setflags(write=False)
     return values

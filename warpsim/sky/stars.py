@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.directions import unit_vectors
+from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
-from warpsim.sky.catalog_columns import StarColumns
-from warpsim.sky.star_photometry import StarPhotometry
+from warpsim.sky.star_photometry import StarPhotometry, frozen
 
 Array = NDArray[np.float64]
+
+MOVED = ("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas")
+"""Numbers that change with the epoch."""
 
 _CHUNK_NAMES = 1 << 16
 """Names spelled out at once for the checksum: memory is bounded."""
@@ -62,50 +66,68 @@ class Stars:
     _id: NDArray[np.str_] | NDArray[np.int64]
     """Identifiers; whole numbers are spelled out by _spell_id when `id` is asked for."""
 
-    _spell_id: tuple[str, str]
+    _spell_id: tuple[str, str] = ("", "")
     """Prefix of a whole number in _id, and prefix of the row where that number is 0, or -1 - row: ("HIP ", "HGI ")."""
 
-    _origin: Self | None
+    _origin: Self | None = None
     """The catalog as it was made; every at_epoch() starts there, so that no error builds up."""
 
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            if isinstance(values := getattr(self, one.name), np.ndarray):
+                frozen(values)
+
     @classmethod
-    def _of_columns(cls, columns: StarColumns) -> Self:
-        """The stars of columns; every array becomes read-only."""
+    def _made(
+        cls,
+        *,
+        flux_jy: Mapping[str, Array],
+        flux_flag: Mapping[str, NDArray[np.uint8]],
+        id: NDArray[Any],
+        spell_id: tuple[str, str] = ("", ""),
+        filled: bool = False,
+        type_temperature_k: Array | None = None,
+        limit_jy: Mapping[str, Array] | None = None,
+        **columns: Any,
+    ) -> Self:
+        """The stars of columns that break no rule, by the names of the fields; every array becomes read-only.
+
+        Args:
+            flux_jy: Flux density [Jy] by photometric band, those that the catalog has; NaN where unknown.
+            flux_flag: What the fluxes are, for the same bands: 0 unknown, 1 measured, 2 predicted by the catalog.
+            id: Names, or whole numbers that spell_id spells out.
+            spell_id: As _spell_id.
+            filled: Whether the other fluxes are to be predicted from the spectrum.
+            type_temperature_k: Temperatures of a dwarf and of a giant of the star's spectral type [K], (n, 2), NaN
+                without a type: for stars whose temperature neither temperature_k nor a colour gives.
+            limit_jy: Upper limits of predicted fluxes by band [Jy], NaN for none.
+            columns: The other fields.
+        """
         photometry = StarPhotometry(
-            given_jy={band: frozen(values) for band, values in columns.flux_jy.items()},
-            given_flag={band: frozen(values) for band, values in columns.flux_flag.items()},
-            temperature_k=frozen(columns.temperature_k),
-            luminosity=frozen(columns.luminosity),
-            parallax_mas=columns.parallax_mas,
-            pm_mas_yr=np.hypot(columns.pm_ra_mas_yr, columns.pm_dec_mas_yr),
-            filled=columns.filled,
-            limit_jy=columns.limit_jy,
+            given_jy=flux_jy,
+            given_flag=flux_flag,
+            temperature_k=columns.pop("temperature_k"),
+            luminosity=columns["luminosity"],
+            parallax_mas=columns["parallax_mas"],
+            pm_mas_yr=np.hypot(columns["pm_ra_mas_yr"], columns["pm_dec_mas_yr"]),
+            filled=filled,
+            limit_jy=limit_jy or {},
         )
-        if columns.type_temperature_k is not None:
-            photometry = photometry.with_types(columns.type_temperature_k)
+        if type_temperature_k is not None:
+            photometry = photometry.with_types(type_temperature_k)
         return cls(
-            ra_deg=frozen(columns.ra_deg),
-            dec_deg=frozen(columns.dec_deg),
-            pm_ra_mas_yr=frozen(columns.pm_ra_mas_yr),
-            pm_dec_mas_yr=frozen(columns.pm_dec_mas_yr),
-            parallax_mas=frozen(columns.parallax_mas),
-            temperature_k=photometry.temperature_k,
-            luminosity=photometry.luminosity,
-            quality=frozen(columns.quality),
-            epoch_jyear=columns.epoch_jyear,
-            name=columns.name,
-            provenance=columns.provenance,
-            _photometry=photometry,
-            _id=frozen(columns.id),
-            _spell_id=columns.spell_id,
-            _origin=None,
+            **columns, temperature_k=photometry.temperature_k, _photometry=photometry, _id=id, _spell_id=spell_id
         )
+
+    @classmethod
+    def _of(cls, stars: Stars) -> Self:
+        """The same stars as an object of this class."""
+        return cls(**{one.name: getattr(stars, one.name) for one in fields(stars)})
 
     def _rows(self, rows: NDArray[np.int64]) -> Self:
         """The stars in some rows, with the names that they have here."""
         photometry = self._photometry.rows(rows)
-        numbers = ("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas", "quality")
-        arrays: dict[str, Any] = {key: frozen(getattr(self, key)[rows]) for key in numbers}
+        arrays: dict[str, Any] = {key: getattr(self, key)[rows] for key in (*MOVED, "quality")}
         names = self._id[rows]
         if self._id.dtype.kind != "U":
             names = np.where(names == 0, -1 - rows, names)
@@ -116,7 +138,7 @@ class Stars:
             temperature_k=photometry.temperature_k,
             luminosity=photometry.luminosity,
             _photometry=photometry,
-            _id=frozen(names),
+            _id=names,
             _origin=origin,
         )
 
@@ -177,7 +199,7 @@ class Stars:
             digest.update(what.encode())
             digest.update(np.where(np.isnan(values), np.nan, values).tobytes())
 
-        for name in ("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas", "temperature_k"):
+        for name in (*MOVED, "temperature_k"):
             add(name, getattr(origin, name))
         digest.update(np.ascontiguousarray(origin.luminosity).tobytes())
         for what, values_by_band in (("flux", light.given_jy), ("limit", light.limit_jy)):
@@ -236,7 +258,42 @@ class Stars:
         return self._photometry.magnitude(band)
 
 
-def frozen(values: NDArray[Any]) -> NDArray[Any]:
-    """Make an array read-only and return it."""
-    values.setflags(write=False)
-    return values
+def joined(parts: Sequence[Stars]) -> Stars:
+    """All stars of several parts of a catalog, one behind the other; bands are those of any of them.
+
+    Raises:
+        InputError: Their epochs differ.
+    """
+    first = parts[0]
+    if len(parts) == 1:
+        return first
+    for part in parts:
+        if part.epoch_jyear != first.epoch_jyear:
+            rule = (
+                f"must be of one epoch, got {first.epoch_jyear:g} ({first.name}) and {part.epoch_jyear:g} ({part.name})"
+            )
+            raise InputError(rule, "epoch_jyear")
+    lights = [part._photometry for part in parts]
+
+    def by_band(name: str, unknown: Any) -> dict[str, NDArray[Any]]:
+        bands = dict.fromkeys(band for light in lights for band in getattr(light, name))
+        none = [np.broadcast_to(unknown, len(part)) for part in parts]
+        columns = [getattr(light, name) for light in lights]
+        return {
+            band: np.concatenate([one.get(band, empty) for one, empty in zip(columns, none, strict=True)])
+            for band in bands
+        }
+
+    names = (*MOVED, "temperature_k", "luminosity", "quality")
+    columns: dict[str, Any] = {key: np.concatenate([getattr(part, key) for part in parts]) for key in names}
+    return first._made(
+        **columns,
+        epoch_jyear=first.epoch_jyear,
+        name=first.name,
+        provenance=first.provenance,
+        flux_jy=by_band("given_jy", np.nan),
+        flux_flag=by_band("given_flag", np.uint8(0)),
+        limit_jy=by_band("limit_jy", np.nan),
+        id=np.concatenate([part._id for part in parts]),
+        filled=all(light.filled for light in lights),
+    )

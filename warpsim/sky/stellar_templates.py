@@ -52,9 +52,13 @@ _PAIRS = {"BP-RP": ("BP", "RP"), "V-K": ("V", "Ks"), "J-K": ("J", "Ks")}
 @dataclass(frozen=True)
 class _Templates:
     wavelength_um: Array
+    """Of the nodes, (m,), increasing."""
+
     temperature_k: Array
+    """(n_t,), increasing."""
+
     spectrum: Array
-    """(n_class, n_t, m)."""
+    """Spectral irradiance per wavelength, relative, (n_class, n_t, m), of integral 1 over wavelength."""
 
     v_i_mag: Array
     """Mean V-I as Hipparcos lists it [mag], (n_class, n_t)."""
@@ -64,7 +68,8 @@ class _Templates:
 
 
 @functools.lru_cache(maxsize=1)
-def _load() -> _Templates:
+def templates() -> _Templates:
+    """Return the templates that ship with warpsim; arrays are read-only."""
     from warpsim_catalogs import path
 
     with path(_FILE).open("rb") as stream, np.load(stream, allow_pickle=False) as columns:
@@ -74,27 +79,12 @@ def _load() -> _Templates:
     return _Templates(**numbers)
 
 
-def template_wavelength_um() -> Array:
-    """Wavelengths of the templates' nodes [um], (m,), increasing; read-only."""
-    return _load().wavelength_um
-
-
-def template_temperature_k() -> Array:
-    """Temperatures of the templates [K], (n_t,), increasing; read-only."""
-    return _load().temperature_k
-
-
-def templates() -> Array:
-    """Spectral irradiance per wavelength, relative, (n_class, n_t, m), of integral 1 over wavelength; read-only."""
-    return _load().spectrum
-
-
 def mixture(temperature_k: ArrayLike) -> tuple[NDArray[np.int64], Array]:
     """Lower template k and weight w of the next one for temperatures [K], of their shape.
 
     NaN stands for UNKNOWN_TEMPERATURE_K, and temperatures beyond the templates' for the nearest of them.
     """
-    grid_k = template_temperature_k()
+    grid_k = templates().temperature_k
     given_k = np.asarray(temperature_k, dtype=np.float64)
     clipped_k = np.clip(np.where(np.isnan(given_k), UNKNOWN_TEMPERATURE_K, given_k), grid_k[0], grid_k[-1])
     ln_grid = np.log(grid_k)
@@ -121,7 +111,7 @@ def band_nodes(band: Band | str) -> tuple[Array, Array, Array]:
     """
     band = as_band(band)
     check_reach(band)
-    grid_um = template_wavelength_um()
+    grid_um = templates().wavelength_um
     low_um, high_um = band.lit_um
     edge_um = np.union1d(band.wavelength_um, grid_um)
     edge_um = edge_um[(edge_um >= low_um) & (edge_um <= high_um)]
@@ -131,13 +121,13 @@ def band_nodes(band: Band | str) -> tuple[Array, Array, Array]:
     weight_um = (half_um * weight).ravel() * band.energy_response(node_um)
     right = np.searchsorted(grid_um, node_um)
     part = (node_um - grid_um[right - 1]) / (grid_um[right] - grid_um[right - 1])
-    spectrum = templates()
+    spectrum = templates().spectrum
     return node_um, weight_um, (1.0 - part) * spectrum[..., right - 1] + part * spectrum[..., right]
 
 
 def check_reach(band: Band) -> None:
     """Raise InputError for a band whose response reaches beyond the templates."""
-    grid_um = template_wavelength_um()
+    grid_um = templates().wavelength_um
     low_um, high_um = band.lit_um
     if low_um < grid_um[0] or high_um > grid_um[-1]:
         rule = f"must lie within {grid_um[0]:g} to {grid_um[-1]:g} um, where the spectrum of stars is known"
@@ -182,7 +172,7 @@ def colour_temperature_k(colour_mag: ArrayLike, kind: str | tuple[str, str], lum
     """
     given = np.asarray(colour_mag, dtype=np.float64)
     of_class = np.broadcast_to(np.where(np.asarray(luminosity) == DWARF, DWARF, GIANT), given.shape)
-    ln_k = np.log(template_temperature_k())
+    ln_k = np.log(templates().temperature_k)
     pair = _PAIRS.get(kind) if isinstance(kind, str) else kind
     result = np.full(given.shape, np.nan)
     for number in (DWARF, GIANT):
@@ -191,7 +181,7 @@ def colour_temperature_k(colour_mag: ArrayLike, kind: str | tuple[str, str], lum
             blue, red = (magnitude_light(name)[number] for name in pair)
             index, weight = _at_ratio(10.0 ** (-0.4 * given[rows]), blue, red)
         else:
-            listed = _load().v_i_mag if kind == "V-I" else _load().b_v_mag
+            listed = templates().v_i_mag if kind == "V-I" else templates().b_v_mag
             index, weight = _at_ratio(-given[rows], -listed[number], np.ones(len(ln_k)))
         result[rows] = np.exp(ln_k[index] + weight * (ln_k[index + 1] - ln_k[index]))
     return result

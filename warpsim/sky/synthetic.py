@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from warpsim.arguments import check_memory
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
-from warpsim.sky.catalog_columns import StarColumns
 from warpsim.sky.photometric_bands import FLUX_PREDICTED
-from warpsim.sky.space_motion import J2000_JYEAR, position_of
+from warpsim.sky.places import J2000_JYEAR, position_of
+from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_templates import GIANT
 from warpsim.streams import uniforms
 
@@ -118,8 +118,8 @@ SYNTHETIC_SKIES = {
 }
 
 
-def synthetic_columns(n_star: int | None, limit_jy: float | None, sky: str, seed: int) -> StarColumns:
-    """Make the columns of the brightest stars of a synthetic sky, brightest first, without proper motions.
+def synthetic_stars(n_star: int | None, limit_jy: float | None, sky: str, seed: int) -> Stars:
+    """Make the brightest stars of a synthetic sky, brightest first, without proper motions.
 
     Sine, logarithm and power differ between machines in the last bit. Positions are rounded to 0.1 mas and fluxes to
     float32: about one position in a million may still fall on the other side, by 0.1 mas.
@@ -144,7 +144,7 @@ def synthetic_columns(n_star: int | None, limit_jy: float | None, sky: str, seed
     # What is the same for all stars takes no memory.
     still: Array = np.broadcast_to(0.0, (n,))
     depth = f"the {n} brightest stars, down to {flux_jy[-1]:.4g} Jy at 8.3 um"
-    return StarColumns(
+    return Stars._made(
         ra_deg=ra_deg,
         dec_deg=dec_deg,
         pm_ra_mas_yr=still,

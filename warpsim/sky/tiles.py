@@ -48,7 +48,7 @@ class StarTiles:
         self._read: dict[int, StarsOfFile] = {}
         """By tile, those used last at the end."""
 
-        self.epoch_jyear = self._part(0).columns.epoch_jyear
+        self.epoch_jyear = self._part(0).stars.epoch_jyear
 
     def __len__(self) -> int:
         return int(self.first_row[-1])
@@ -102,7 +102,7 @@ class StarTiles:
         if part is None:
             path = self.hats.tiles[tile].path
             part = read_files([CatalogFile(path)], self._options, int(self.first_row[tile]))
-            n_star, n_row = len(part.columns.ra_deg), int(self.hats.n_row[tile])
+            n_star, n_row = len(part.stars), int(self.hats.n_row[tile])
             if n_star != n_row:
                 rule = f"must hold {n_row:,} stars with a position, as the folder says, got {n_star:,}"
                 raise InputError(rule).of(path)

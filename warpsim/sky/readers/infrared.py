@@ -344,7 +344,6 @@ SURVEYS = (
         reference="V/98 (Egan and Price 1996, AJ 112, 2862)",
         needs=(("FSIIIA",),),
         light=_msx_irac,
-        telling=("FSIIIA",),
     ),
     _psc_survey("msx-psc", "2.3", "V/114 (Egan et al. 2003, AFRL-VS-TR-2003-1589)"),
     _psc_survey("msx-psc-v1", "1.2", "V/107 (Egan et al. 1999, AFRL-VS-TR-1999-1522)", ("MSX5C", "MSX5C_ID")),
@@ -369,7 +368,6 @@ SURVEYS = (
         epoch_jyear=2007.0,  # middle of the survey, May 2006 to August 2007
         id_columns=("objName",),
         id_prefix="AKARI-IRC-V1 J",
-        telling=("S09", "flux09"),
     ),
     Survey(
         name="allwise",
@@ -380,7 +378,6 @@ SURVEYS = (
         epoch_jyear=2010.5,
         id_columns=("AllWISE", "designation"),
         id_prefix="WISEA ",
-        telling=("W3mag", "w3mpro"),
     ),
     Survey(
         name="2mass",

@@ -11,11 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from warpsim.errors import InputError, errors_at
-from warpsim.sky.catalog_columns import StarColumns, selected
 from warpsim.sky.hats import HatsFolder, hats_name, is_hats
 from warpsim.sky.photometric_bands import check_flux_band, flux_of_magnitude_jy
-from warpsim.sky.region import Cone, checked_region, within_cones
-from warpsim.sky.space_motion import checked_jyear
+from warpsim.sky.places import Cone, checked_jyear, checked_region, within_cones
+from warpsim.sky.stars import Stars
 
 FileNames = str | PathLike[str] | Sequence[str | PathLike[str]]
 
@@ -32,7 +31,7 @@ class ReadOptions:
     table: str | int | None = None
     epoch_jyear: float | None = None
     readme: str | PathLike[str] | None = None
-    region: Sequence[Cone] = ()
+    region: Any = ()
     limit: Mapping[str, float] | None = None
     name: str | None = None
     """Of the catalog that a file is a part of; its own where left out."""
@@ -59,19 +58,20 @@ class ReadOptions:
             raise InputError(error.rule, "epoch_jyear", self.epoch_jyear) from None
 
 
-def chosen(columns: StarColumns, options: ReadOptions) -> StarColumns:
+def chosen(stars: Stars, options: ReadOptions) -> Stars:
     """The stars within any cone of a region, and not fainter than the limits, in any of their bands."""
-    keep = np.ones(len(columns.ra_deg), dtype=np.bool_)
+    keep = np.ones(len(stars), dtype=np.bool_)
     if options.region:
-        keep &= within_cones(columns.ra_deg, columns.dec_deg, options.region)
+        keep &= within_cones(stars.ra_deg, stars.dec_deg, options.region)
     if options.limit:
-        if options.limit.keys().isdisjoint(columns.flux_jy):
-            rule = f"must name a band of the file, which has {', '.join(columns.flux_jy)}"
+        flux_jy = stars._photometry.given_jy
+        if options.limit.keys().isdisjoint(flux_jy):
+            rule = f"must name a band of the file, which has {', '.join(flux_jy)}"
             raise InputError(rule, "limit", ", ".join(options.limit), "s")
         limits_jy = {band: flux_of_magnitude_jy(band, np.array(value)) for band, value in options.limit.items()}
-        known = [columns.flux_jy[band] >= limit for band, limit in limits_jy.items() if band in columns.flux_jy]
+        known = [flux_jy[band] >= limit for band, limit in limits_jy.items() if band in flux_jy]
         keep &= np.any(known, axis=0)  # a flux that is not known is no brighter
-    return columns if keep.all() else selected(columns, keep)
+    return stars if keep.all() else stars._rows(np.flatnonzero(keep))
 
 
 def _checked_limit(limit: Any) -> dict[str, float] | None:
@@ -122,7 +122,8 @@ def catalog_files(path: FileNames, region: Sequence[Cone] = ()) -> list[CatalogF
         return [CatalogFile(folder)]
     if is_hats(folder):
         return _files_of_hats(HatsFolder(folder), region)
-    files = sorted(file for file in folder.iterdir() if file.is_file() and _is_table(file))
+    tables = (file for file in folder.iterdir() if file.name.lower().removesuffix(".gz").endswith(SUFFIXES))
+    files = sorted(file for file in tables if file.is_file() and not file.name.startswith((".", "_")))
     if not files:
         raise InputError(f"must hold files of stars ({', '.join(SUFFIXES)}), or be a HATS folder").of(where)
     return [CatalogFile(file) for file in files]
@@ -147,10 +148,6 @@ def folder_name(path: FileNames) -> str | None:
     if not folder.is_dir():
         return None
     return hats_name(folder) if is_hats(folder) else folder.absolute().name
-
-
-def _is_table(file: Path) -> bool:
-    return not file.name.startswith((".", "_")) and file.name.lower().removesuffix(".gz").endswith(SUFFIXES)
 
 
 def is_parquet(file: Path) -> bool:

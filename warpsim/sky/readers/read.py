@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
-from warpsim.errors import InputError
-from warpsim.sky.catalog_columns import NUMBER_UNITS, StarColumns, checked_columns, joined
+from warpsim.errors import InputError, errors_at
+from warpsim.sky.catalog_columns import checked_columns
 from warpsim.sky.photometric_bands import check_flux_columns, flag_column
+from warpsim.sky.places import J2000_JYEAR, dec_range_deg
 from warpsim.sky.readers import infrared, visible
+from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
 from warpsim.sky.readers.options import (
     CatalogFile,
     FileNames,
@@ -22,25 +25,20 @@ from warpsim.sky.readers.options import (
     is_parquet,
 )
 from warpsim.sky.readers.own_table import (
-    LAYOUTS,
     arrays_of_columns,
     check_columns,
     column_named,
     is_own,
     known_name,
-    likely_layout,
     merge_columns,
     own_columns,
     set_sloan_apart,
 )
 from warpsim.sky.readers.survey import Survey
-from warpsim.sky.region import dec_range_deg
-from warpsim.sky.space_motion import J2000_JYEAR
+from warpsim.sky.stars import Stars, joined
 from warpsim.tables.by_astropy import ParquetFile
 from warpsim.tables.columns import ColumnTable, plain_name
 from warpsim.tables.read_table import check_only_table, read_table
-
-T = TypeVar("T")
 
 SURVEYS: Mapping[str, Survey] = {survey.name: survey for module in (infrared, visible) for survey in module.SURVEYS}
 """Surveys known, by the name that the argument `format` takes."""
@@ -49,7 +47,7 @@ SURVEYS: Mapping[str, Survey] = {survey.name: survey for module in (infrared, vi
 class StarsOfFile(NamedTuple):
     """Content of a catalog file, and what is still to be done to its stars."""
 
-    columns: StarColumns
+    stars: Stars
     """Filled, unless a table flags its fluxes and says of none that it was filled in."""
 
     target_epoch_jyear: float
@@ -57,10 +55,6 @@ class StarsOfFile(NamedTuple):
 
     is_own: bool = False
     """Whether they are from a custom table, in which columns may be other than their names say."""
-
-    def unfilled(self) -> StarsOfFile:
-        """Return the same without fluxes predicted from the spectrum."""
-        return self._replace(columns=replace(self.columns, filled=False))
 
 
 def read_stars(path: FileNames, options: ReadOptions) -> StarsOfFile:
@@ -81,22 +75,20 @@ def read_files(files: Sequence[CatalogFile], options: ReadOptions, first_row: in
     for file in files:
         first_row += file.n_before
         start_row = first_row
-        try:
+        with errors_at("", str(file.path)):
             for n_row, stars in _stars_of_file(file.path, options, first_row):
                 first_row += n_row
                 if stars is not None:
                     found.append(stars)
             if file.n_row not in (None, first_row - start_row):
                 raise InputError(f"must hold {file.n_row:,} rows, as the folder says, got {first_row - start_row:,}")
-        except InputError as error:
-            raise error.of(file.path) from None
         first_row += file.n_behind
-    return found[0]._replace(columns=joined([one.columns for one in found]))
+    return found[0]._replace(stars=joined([one.stars for one in found]))
 
 
 def _stars_of_file(file: Path, options: ReadOptions, first_row: int) -> Iterator[tuple[int, StarsOfFile | None]]:
     """Yield rows and stars of each part of a file; the first part has stars, if only none."""
-    survey = SURVEYS.get(options.format) if options.format is not None else None
+    survey = SURVEYS.get(options.format or "")
     if is_parquet(file) and (survey or options.format in (None, "parquet")):
         check_only_table(options.table)
         yield from _stars_of_parquet(ParquetFile(file), options, str(file), first_row)
@@ -133,21 +125,21 @@ def _stars_of_parquet(
 
 
 def _stars_of_table(table: ColumnTable, options: ReadOptions, where: str, first_row: int) -> StarsOfFile:
-    survey = SURVEYS.get(options.format) if options.format is not None else None
-    set_sloan_apart(table, () if options.columns is None else options.columns.values())
-    own = own_columns(table) if options.columns is None else None
-    if survey is None and options.columns is not None:
-        own = check_columns(options.columns, table)
-    elif survey is not None or own is None or not is_own(own, table):
-        stars = _survey_stars(table, survey or _survey_of(table), where, options, first_row)
-        return stars._replace(columns=chosen(stars.columns, options))
-    stars = _own_stars(table, own, where, options, first_row)
-    return stars._replace(columns=chosen(stars.columns, options))
+    survey = SURVEYS.get(options.format or "")
+    given = options.columns
+    set_sloan_apart(table, (given or {}).values())
+    if survey is None and given is not None:
+        found = _own_stars(table, check_columns(given, table), where, options, first_row)
+    elif survey is None and is_own(own := own_columns(table), table):
+        found = _own_stars(table, own, where, options, first_row)
+    else:
+        found = _survey_stars(table, survey or _survey_of(table), where, options, first_row)
+    return found._replace(stars=chosen(found.stars, options))
 
 
 def _holds_stars(table: ColumnTable, survey: Survey | None, columns: Mapping[str, str] | None) -> bool:
     """Return whether a table has the columns of what a file is read for."""
-    set_sloan_apart(table, () if columns is None else columns.values())
+    set_sloan_apart(table, (columns or {}).values())
     if survey is None and columns is not None:
         return all(table.find(str(column)) for column in columns.values())
     if survey is not None:
@@ -164,7 +156,7 @@ def _survey_of(table: ColumnTable) -> Survey:
         return max(fitting, key=lambda survey: len(survey.needs))
     for survey in SURVEYS.values():
         missing = [names for names in survey.needs if table.find(*names) is None]
-        if survey.telling and table.find(*survey.telling) and 2 * len(missing) <= len(survey.needs):
+        if table.find(*(survey.telling or survey.needs[0])) and 2 * len(missing) <= len(survey.needs):
             needed = ", ".join(" or ".join(names) for names in missing)
             rule = f"looks like {survey.name}, which must have the column {needed}"
             raise InputError(rule, value=table.names, form="s")
@@ -184,14 +176,15 @@ def _own_stars(
         raise InputError(f"must be left out where the column {columns['epoch_jyear']} has it", "epoch_jyear")
     meta = {str(key).lower(): value for key, value in table.table.meta.items()}
     check_flux_columns(name for name in table.table.colnames if name not in columns.values())
-    arrays = _rows_read(table, lambda: arrays_of_columns(table, columns))
+    with _located(table):
+        arrays = arrays_of_columns(table, columns)
     if epoch_jyear is not None:
         arrays["epoch_jyear"] = epoch_jyear
     name = str(meta.get("name", options.name or Path(where).name))
-    checked = _checked(table, arrays, where, name, first_row, columns)
     flagged = any(name in columns for name in map(flag_column, arrays["flux_jy"]))
-    filled = checked.filled or not flagged or meta.get("filled") is True
-    return StarsOfFile(replace(checked, filled=filled), checked.epoch_jyear, is_own=True)
+    filled = not flagged or meta.get("filled") is True
+    stars = _checked(table, arrays, where, name, first_row, filled, columns)
+    return StarsOfFile(stars, stars.epoch_jyear, is_own=True)
 
 
 def _survey_stars(table: ColumnTable, survey: Survey, where: str, options: ReadOptions, first_row: int) -> StarsOfFile:
@@ -203,21 +196,20 @@ def _survey_stars(table: ColumnTable, survey: Survey, where: str, options: ReadO
         if table.find(*names) is None:
             rule = f"must have the column {' or '.join(names)} of {survey.name}"
             raise InputError(rule, value=table.names, form="s")
-    stars = _rows_read(table, lambda: survey.convert(table, options.epoch_jyear))
-    arrays = vars(stars)
-    notes = list(arrays.pop("notes"))
-    if own:
-        _rows_read(table, lambda: merge_columns(arrays, table, own))
+    with _located(table):
+        arrays = survey.convert(table, options.epoch_jyear)
+        merge_columns(arrays, table, own)
+    notes = [f"{survey.title}, {survey.reference}", *arrays.pop("notes")]
     for name in options.columns or ():
         if known_name(name) is None and plain_name(name) not in table.asked:
             raise InputError(f"must be a column that the reader of {survey.name} looks for", "columns", name)
-    if stars.epoch_jyear != J2000_JYEAR:
-        moves = stars.pm_ra_mas_yr is not None and stars.pm_dec_mas_yr is not None
+    if arrays["epoch_jyear"] != J2000_JYEAR:
+        moves = {"pm_ra_mas_yr", "pm_dec_mas_yr"} <= arrays.keys()
         moved = "carried to J2000" if moves else "taken for those of J2000: there are no proper motions"
-        notes.append(f"positions of {stars.epoch_jyear:g} {moved}")
-    arrays["provenance"] = "; ".join([f"{survey.title}, {survey.reference}", *notes])
-    checked = _checked(table, arrays, where, f"{survey.name} ({options.name or Path(where).name})", first_row)
-    return StarsOfFile(replace(checked, filled=True), J2000_JYEAR)
+        notes.append(f"positions of {arrays['epoch_jyear']:g} {moved}")
+    arrays["provenance"] = "; ".join(notes)
+    name = f"{survey.name} ({options.name or Path(where).name})"
+    return StarsOfFile(_checked(table, arrays, where, name, first_row, filled=True), J2000_JYEAR)
 
 
 def _renamed(table: ColumnTable, options: ReadOptions) -> dict[str, str]:
@@ -241,21 +233,22 @@ def _checked(
     file: str,
     name: str,
     first_row: int,
+    filled: bool,
     columns: Mapping[str, str] | None = None,
-) -> StarColumns:
-    """Columns of the stars; errors name the file's own column, which `columns` tells by warpsim's name for it."""
-    numbers = {key: arrays.pop(key, None) for key in NUMBER_UNITS}
+) -> Stars:
+    """The stars of arrays; errors name the file's own column, which `columns` tells by warpsim's name for it."""
+    of_file: dict[str, Any] = {"file": file, "line_of_row": table.line_of_row, "first_row": first_row}
     try:
-        of_file: dict[str, Any] = {"file": file, "line_of_row": table.line_of_row, "first_row": first_row}
-        return checked_columns(numbers, **arrays, name=name, **of_file)
+        return checked_columns(**arrays, name=name, **of_file, filled=filled)
     except InputError as error:
         own_name = (columns or {}).get(error.field, error.field)
         raise table.located(error if own_name == error.field else error.of(f"column {own_name}")) from None
 
 
-def _rows_read(table: ColumnTable, read: Callable[[], T]) -> T:
-    """Result of `read`, whose errors say on which line of the file a row is."""
+@contextmanager
+def _located(table: ColumnTable) -> Iterator[None]:
+    """Let errors say on which line of the file a row is."""
     try:
-        return read()
+        yield
     except InputError as error:
         raise table.located(error) from None

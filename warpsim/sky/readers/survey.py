@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.sky.photometric_bands import flux_of_magnitude_jy
-from warpsim.sky.space_motion import J2000_JYEAR
+from warpsim.sky.places import J2000_JYEAR
 from warpsim.tables.columns import MISSING, ColumnTable, is_number, plain_name
 
 Array = NDArray[np.float64]
@@ -168,35 +168,6 @@ def _part(table: ColumnTable, largest: float, *names: str) -> Array:
     return values
 
 
-@dataclass
-class SurveyStars:
-    """Stars of a survey, by the names and units of StarCatalog.from_arrays; every array is (n,)."""
-
-    ra_deg: Array
-    dec_deg: Array
-    flux_jy: dict[str, Array]
-    """By photometric band; NaN where there is none, or only an upper limit."""
-
-    limit_jy: dict[str, Array] = field(default_factory=dict)
-    """Upper limits [Jy], NaN where there is none."""
-
-    flux_flag: dict[str, NDArray[Any]] | None = None
-    """1 measured, 2 predicted; measured where left out."""
-
-    pm_ra_mas_yr: Array | None = None
-    pm_dec_mas_yr: Array | None = None
-    parallax_mas: Array | None = None
-    temperature_k: Array | None = None
-    luminosity: NDArray[Any] | None = None
-    quality: NDArray[Any] | None = None
-    id: NDArray[np.str_] | None = None
-    epoch_jyear: float = J2000_JYEAR
-    """Of the positions as they stand in the survey."""
-
-    notes: tuple[str, ...] = ()
-    """What was done to the numbers, a phrase each, for the provenance: "F12 divided by 1.43"."""
-
-
 @dataclass(frozen=True)
 class Survey:
     """A published catalog, known by the names of its columns."""
@@ -212,7 +183,8 @@ class Survey:
     """Columns that tell it from other tables: for each, the spellings in use; one of them must be there."""
 
     light: Callable[[ColumnTable], dict[str, Any]]
-    """Fluxes, their quality, notes, and motions where there are any, by the names of SurveyStars."""
+    """Fluxes (NaN for none, or a limit), quality, motions where there are any: by the names of checked_columns(); notes
+    for the provenance, a phrase each: "F12 divided by 1.43"."""
 
     epoch_jyear: float | Callable[[ColumnTable], tuple[float, str]] = J2000_JYEAR
     """Julian year of the positions; a function of the table returns it and what tells it."""
@@ -225,27 +197,28 @@ class Survey:
     """Put before names that do not begin with it."""
 
     telling: tuple[str, ...] = ()
-    """Columns that hardly any other table has: one that has them, and lacks a needed one, looks like the survey."""
+    """Columns that hardly any other table has (left out: the first needed): one that has them, and lacks a needed one,
+    looks like the survey."""
 
     def fits(self, table: ColumnTable) -> bool:
         """Return whether the table has all the columns needed."""
         return all(table.find(*names) for names in self.needs)
 
-    def convert(self, table: ColumnTable, epoch_jyear: float | None = None) -> SurveyStars:
-        """Return the stars of the survey's table, at an epoch that is stated, or else by the table."""
+    def convert(self, table: ColumnTable, epoch_jyear: float | None = None) -> dict[str, Any]:
+        """Return arguments of checked_columns() by the survey's table, and `notes`: a phrase for each thing done.
+
+        The epoch is the one stated, or else the table's.
+        """
         ra_deg, dec_deg, ra_name = self.position(table)
         light = self.light(table)
         if epoch_jyear is None:
-            epoch_jyear, *notes = self.epoch(table)
+            known = self.epoch_jyear
+            epoch_jyear, note = (known, "") if isinstance(known, float) else known(table)
             if "pm_ra_mas_yr" in light and epoch_of_position(ra_name, epoch_jyear) != epoch_jyear:
                 epoch_jyear = J2000_JYEAR
-            else:
-                light["notes"] = (*light.get("notes", ()), *filter(None, notes))
-        return SurveyStars(ra_deg, dec_deg, id=self._names(table), epoch_jyear=epoch_jyear, **light)
-
-    def epoch(self, table: ColumnTable) -> tuple[float] | tuple[float, str]:
-        """Return the Julian year of the table's positions, and a note of what tells it where it is not known before."""
-        return (self.epoch_jyear,) if isinstance(self.epoch_jyear, float) else self.epoch_jyear(table)
+            elif note:
+                light["notes"] = (*light["notes"], note)
+        return {"ra_deg": ra_deg, "dec_deg": dec_deg, "id": self._names(table), "epoch_jyear": epoch_jyear, **light}
 
     def _names(self, table: ColumnTable) -> NDArray[np.str_] | None:
         """Names of the stars, "IRAS 06429-1639"; None without a column of them."""

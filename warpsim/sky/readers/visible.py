@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,14 @@ from warpsim.sky.readers.survey import (
     real_magnitudes,
 )
 from warpsim.sky.stellar_templates import GIANT, colour, colour_temperature_k
-from warpsim.sky.visible_stars import SAME_TEMPERATURE, by_gaia, by_hipparcos, gaia_bp_rp_mag, hipparcos_v_mag
+from warpsim.sky.visible_stars import (
+    SAME_TEMPERATURE,
+    VisibleStars,
+    by_gaia,
+    by_hipparcos,
+    gaia_bp_rp_mag,
+    hipparcos_v_mag,
+)
 from warpsim.tables.columns import ColumnTable, plain_name
 
 Array = NDArray[np.float64]
@@ -61,21 +69,13 @@ _EPOCH_OF_FRAME = re.compile(
 )
 """The epoch in a frame's name at VizieR (H_2015.500), in a VOTable's COOSYS, in a column's description."""
 
-_OF_DR2_ALONE = (
-    *("teff_val", "radius_val", "lum_val", "a_g_val", "e_bp_min_rp_val", "priam_flags", "flame_flags"),
-    *("astrometric_pseudo_colour", "astrometric_weight_al", "astrometric_matched_observations", "matched_observations"),
-    *("mean_varpi_factor_al", "frame_rotator_object_type"),
-)
-_OF_DR3_ALONE = (
-    *(
-        "ruwe",
-        "pseudocolour",
-        "nu_eff_used_in_astrometry",
-        "astrometric_matched_transits",
-        "phot_bp_n_blended_transits",
-    ),
-    *("ipd_frac_multi_peak", "in_qso_candidates", "teff_gspphot"),
-)
+_ALONE = {
+    "DR2": "teff_val radius_val lum_val a_g_val e_bp_min_rp_val priam_flags flame_flags astrometric_pseudo_colour "
+    "astrometric_weight_al astrometric_matched_observations matched_observations mean_varpi_factor_al "
+    "frame_rotator_object_type",
+    "DR3": "ruwe pseudocolour nu_eff_used_in_astrometry astrometric_matched_transits phot_bp_n_blended_transits "
+    "ipd_frac_multi_peak in_qso_candidates teff_gspphot",
+}
 """Columns that one release has and the others do not; ruwe is a table of its own in DR2."""
 
 
@@ -130,8 +130,7 @@ def _releases_of_frames(text: str) -> set[str]:
 
 def _releases_of_columns(table: ColumnTable) -> set[str]:
     names = {plain_name(name) for name in table.all_names}
-    groups = {"DR2": _OF_DR2_ALONE, "DR3": _OF_DR3_ALONE}
-    return {release for release, columns in groups.items() if not names.isdisjoint(map(plain_name, columns))}
+    return {release for release, alone in _ALONE.items() if not names.isdisjoint(map(plain_name, alone.split()))}
 
 
 def _position_1997(table: ColumnTable) -> Position:
@@ -185,12 +184,7 @@ def _hipparcos(table: ColumnTable, v_mag: Array, b_minus_v: Array, v_minus_i: Ar
     differ = (np.abs(by_b_v / by_v_i - 1.0) > SAME_TEMPERATURE) & ~cool_giant
     doubtful = guessed | differ | (~has_v_i & (b_minus_v > REDDEST_B_MINUS_V_MAG))
     return {
-        "flux_jy": {band: band_flux_jy(band, values) for band, values in magnitudes.items()},
-        "pm_ra_mas_yr": motion[0],
-        "pm_dec_mas_yr": motion[1],
-        "parallax_mas": parallax_mas,
-        "temperature_k": seen.temperature_k,
-        "luminosity": seen.luminosity,
+        **_light(magnitudes, motion, parallax_mas, seen),
         "quality": predicted_quality(has_flux, has_b_v | has_v_i, doubtful),
         "notes": (
             *count_note(guessed, "have a guessed V-I: temperature from the absolute magnitude"),
@@ -198,6 +192,19 @@ def _hipparcos(table: ColumnTable, v_mag: Array, b_minus_v: Array, v_minus_i: Ar
             *count_note(has_flux & ~has_b_v & ~has_v_i, "have no colour"),
             *count_note(~has_flux, "have no magnitude, so no flux"),
         ),
+    }
+
+
+def _light(
+    magnitudes: Mapping[str, Array], motion: tuple[Array, Array], parallax_mas: Array, seen: VisibleStars
+) -> dict[str, Any]:
+    return {
+        "flux_jy": {band: band_flux_jy(band, values) for band, values in magnitudes.items()},
+        "pm_ra_mas_yr": motion[0],
+        "pm_dec_mas_yr": motion[1],
+        "parallax_mas": parallax_mas,
+        "temperature_k": seen.temperature_k,
+        "luminosity": seen.luminosity,
     }
 
 
@@ -226,12 +233,7 @@ def _gaia(table: ColumnTable) -> dict[str, Any]:
     seen = by_gaia(magnitudes["G"], bp_rp_mag, parallax_mas, np.hypot(*motion), np.nan)
     doubtful = (g_mag <= SATURATED_G_MAG) | (seen.quality != FAIR)
     return {
-        "flux_jy": {band: band_flux_jy(band, values) for band, values in magnitudes.items()},
-        "pm_ra_mas_yr": motion[0],
-        "pm_dec_mas_yr": motion[1],
-        "parallax_mas": parallax_mas,
-        "temperature_k": seen.temperature_k,
-        "luminosity": seen.luminosity,
+        **_light(magnitudes, motion, parallax_mas, seen),
         "quality": predicted_quality(has_flux, has_colour, doubtful),
         "notes": (
             *count_note(has_flux & from_colour & has_colour, "have no BP or RP: from G and BP-RP"),

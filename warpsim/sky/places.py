@@ -1,8 +1,9 @@
-"""Positions of stars at another epoch: rigorous space motion, and the paper's linear one."""
+"""Places of stars: positions at another epoch, by rigorous motion or the paper's linear one; regions of the sky."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,9 @@ from warpsim.errors import InputError
 Array = NDArray[np.float64]
 
 J2000_JYEAR = 2000.0
+
+Cone = tuple[float, float, float]
+"""Right ascension, declination and radius [deg]."""
 
 LONGEST_MOTION_YR = 1e5
 """Beyond, a straight line is no model of a star's way, even in jest."""
@@ -101,3 +105,34 @@ def checked_jyear(jyear: Any, where: str = "jyear") -> float:
     if abs(epoch_jyear - J2000_JYEAR) > LONGEST_MOTION_YR:
         raise InputError(f"must be within {LONGEST_MOTION_YR:,.0f} years of 2000", where, epoch_jyear, "g")
     return epoch_jyear
+
+
+def checked_region(region: Any) -> tuple[Cone, ...]:
+    """One cone or several, (ra_deg, dec_deg, radius_deg), as a tuple of cones."""
+    rule = "must be (ra_deg, dec_deg, radius_deg) with -90 <= dec_deg <= 90 and 0 < radius_deg <= 180, or several"
+    try:
+        cones = np.array(() if region is None else region, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(rule, value=region) from None
+    cones = cones.reshape(-1, 3) if cones.size in (0, 3) else cones
+    if cones.ndim != 2 or cones.shape[1] != 3 or not np.isfinite(cones).all():
+        raise InputError(rule, value=region)
+    if (np.abs(cones[:, 1]) > 90.0).any() or (cones[:, 2] <= 0.0).any() or (cones[:, 2] > 180.0).any():
+        raise InputError(rule, value=region)
+    return tuple((float(ra), float(dec), float(radius)) for ra, dec, radius in cones.tolist())
+
+
+def dec_range_deg(region: Sequence[Cone]) -> tuple[float, float]:
+    """Smallest and largest declination in any of some cones [deg], by a hair more."""
+    return min(dec - radius for _, dec, radius in region) - 1e-9, max(dec + radius for _, dec, radius in region) + 1e-9
+
+
+def within_cones(ra_deg: Array, dec_deg: Array, region: Sequence[Cone]) -> NDArray[np.bool_]:
+    """Return whether each place lies in any of some cones, their edges included, shape (n,)."""
+    inside = np.zeros(len(ra_deg), dtype=np.bool_)
+    place = unit_vectors(ra_deg, dec_deg)
+    for ra, dec, radius in region:
+        axis = unit_vectors(np.array([ra]), np.array([dec]))[0]
+        # By the chord: a cosine says nothing of arc seconds.
+        inside |= np.linalg.norm(place - axis, axis=1) <= 2.0 * np.sin(0.5 * np.radians(radius)) * (1.0 + 1e-15)
+    return inside
