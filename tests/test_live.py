@@ -19,9 +19,10 @@ from warpsim.cli import main
 from warpsim.errors import InputError
 from warpsim.labels.boxes import target_boxes
 from warpsim.live import shown_images
-from warpsim.live.access_bars import _Row, _words, access_bars, access_note
+from warpsim.live.access_bars import _words, access_bars, access_note
 from warpsim.live.globe import _end_of_ray
-from warpsim.live.shown_images import FolderImages, RenderedImages, images_of
+from warpsim.live.run_images import FolderImages
+from warpsim.live.shown_images import RenderedImages, images_of
 from warpsim.live.sources import images_from
 from warpsim.live.tile import _MERGED, _name, legend_html, png, tile_html
 from warpsim.output.grey import grey
@@ -198,10 +199,10 @@ def test_access_bars_say_who_has_access_now_and_begin_with_those_shown(scene):
 
 
 def test_long_lists_of_access_say_the_one_of_now_or_next():
-    row = _Row("sat1", [(0.0, 100.25), (1200.5, 1300.25), (1400.5, 1500.25)])
+    spans_s = [(0.0, 100.25), (1200.5, 1300.25), (1400.5, 1500.25)]
     for time_s, words in ((50.0, "0 to 100.2 s"), (500.0, "1200 to 1300 s"), (1600.0, "1400 to 1500 s")):
-        assert _words(row, time_s) == f"{words} and 2 more"
-    assert _words(_Row("sat1", row.spans_s[:2]), 50.0) == "0 to 100.2 s, 1200 to 1300 s"
+        assert _words(spans_s, time_s) == f"{words} and 2 more"
+    assert _words(spans_s[:2], 50.0) == "0 to 100.2 s, 1200 to 1300 s"
 
 
 def test_rays_end_on_the_ground_or_in_space():
@@ -339,7 +340,7 @@ def lives(page, frame):
     deadline = time.monotonic() + 20
     while page.frame != frame and time.monotonic() < deadline:
         time.sleep(0.01)
-    return page.frame == frame and page._player.is_alive
+    return page.frame == frame and page._player._thread.is_alive()
 
 
 def until(condition):

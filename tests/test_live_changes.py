@@ -10,7 +10,7 @@ import pytest
 
 import warpsim as ws
 from warpsim.errors import InputError
-from warpsim.live.changes import changed_scene, changes
+from warpsim.live.scene_controls import changed_scene, changes
 
 SENSORS = ["sat11", "sat27"]
 NUMBER = "sensors__0__"

@@ -10,8 +10,7 @@ import pytest
 
 import warpsim as ws
 from warpsim.errors import InputError
-from warpsim.live.growing_run import GrowingImages
-from warpsim.live.shown_images import FolderImages
+from warpsim.live.run_images import FolderImages, GrowingImages
 from warpsim.live.sources import images_from
 from warpsim.output.growing import GrowingFiles
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from types import SimpleNamespace
 
-from warpsim.live.page import Status
-from warpsim.live.player import Player
+from warpsim.live.page import Player, Status
 
 PATIENCE_S = 20.0
 """A thread of a busy machine may be late by seconds."""
@@ -41,9 +40,9 @@ def test_what_is_asked_for_is_shown_once_and_failures_are_not_tried_again():
     player.ask_again()
     assert until(lambda: len(page.seen) == 3)
     time.sleep(0.05)
-    assert page.seen == [(3, None), (7, None), (3, None)] and player.is_alive
+    assert page.seen == [(3, None), (7, None), (3, None)] and player._thread.is_alive()
     player.stop()
-    assert not player.is_alive
+    assert not player._thread.is_alive()
 
 
 def test_playing_drops_frames_and_ends_with_the_last():

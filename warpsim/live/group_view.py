@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from warpsim.live.globe import quaternion_wxyz, rgb
 from warpsim.live.shown_images import is_main
 from warpsim.plot.figure import plain, target_kinds
-from warpsim.plot.group_figure import drawn_facets, group_offsets_m, local_frame
+from warpsim.plot.group_figure import body_to_gcrs, drawn_facets, group_offsets_m, local_frame
 from warpsim.scene.scenario import Scenario
 
 F64 = NDArray[np.float64]
 
 ROOT = "/group"
+CAMERA_OF_GROUP = (-7.0, -10.0, 5.0)
+"""Where the page's camera stands: behind and above it."""
 EXTENT = 6.0
 """Of the farthest target from the middle, in the page's units: the page zooms about as far as with the Earth."""
 
@@ -71,14 +73,10 @@ class GroupView:
     def __init__(self, scene: Any, scenario: Scenario, group: int = 0) -> None:
         self._scene, self.scenario, self._path = scene, scenario, f"{ROOT}{group}"
         self.root = scene.add_frame(self._path, show_axes=True, axes_length=1.0, axes_radius=0.01, visible=False)
-        self._bodies: dict[int, Any] = {}
-        self._targets: list[int] = []
         kinds = [kind for kind in target_kinds(scenario) if kind.group == group]
-        self._n_all = sum(len(kind.targets) for kind in kinds)
-        for kind in kinds:
-            for target in kind.targets[: _MOST_BODIES - len(self._targets)]:
-                self._targets.append(target)
-                self._bodies[target] = self._body(target, kind.colour)
+        members = [(target, kind.colour) for kind in kinds for target in kind.targets]
+        self._n_all = len(members)
+        self._bodies = {target: self._body(target, colour) for target, colour in members[:_MOST_BODIES]}
         self._text = scene.add_label(f"{self._path}/scale", "", position=(0.0, 0.0, -EXTENT), anchor="top-center")
 
     def _body(self, target: int, colour: str) -> Any:
@@ -103,7 +101,7 @@ class GroupView:
     def show(self, time_s: float) -> None:
         """Move the bodies to an instant [s after the epoch]; hide those that are absent."""
         scenario, at = self.scenario, np.array([time_s])
-        there = [target for target in self._targets if bool(scenario.tracks.exist(target, np.array(time_s)))]
+        there = [target for target in self._bodies if scenario.tracks.exist(target, np.array(time_s))]
         for target, body in self._bodies.items():
             body.visible = target in there
         if not there:
@@ -116,20 +114,9 @@ class GroupView:
         for target, offset in zip(there, offset_m, strict=True):
             body = self._bodies[target]
             body.position = tuple(EXTENT * offset / extent_m)
-            body.wxyz = quaternion_wxyz(to_local @ _body_axes(scenario, target, at))
-        self._text.text = self._words(scenario.target_names[there[0]], extent_m / EXTENT)
-
-    def _words(self, middle: str, axis_m: float) -> str:
-        """What stands below the group."""
+            body.wxyz = quaternion_wxyz(to_local @ body_to_gcrs(scenario, scenario.target_names[target], time_s)[0])
+        axis_m, n_drawn = extent_m / EXTENT, len(self._bodies)
         length = f"{plain(axis_m, 3)} m" if axis_m < 1000 else f"{plain(axis_m / 1000, 3)} km"
-        words = f"about {middle}; axes {length}: along-track, cross-track, radial (red, green, blue)"
-        n_drawn = len(self._targets)
-        return words if n_drawn == self._n_all else f"{words}; {n_drawn} of {self._n_all:,} targets"
-
-
-def _body_axes(scenario: Scenario, target: int, at: F64) -> F64:
-    """Columns: the body's axes in GCRS axes."""
-    from scipy.spatial.transform import Rotation
-
-    quaternion = scenario.attitude_quaternion(scenario.target_names[target], at)[0]
-    return np.asarray(Rotation.from_quat(quaternion).as_matrix())
+        more = "" if n_drawn == self._n_all else f"; {n_drawn} of {self._n_all:,} targets"
+        middle = f"about {scenario.target_names[there[0]]}; axes {length}"
+        self._text.text = f"{middle}: along-track, cross-track, radial (red, green, blue){more}"

@@ -142,7 +142,7 @@ def _drawn(sources: Rows, numbers: F64, size: npt.NDArray[np.int64], draws: Draw
     else:
         detected = numbers[:, 3] < draws.probability
     on_array = np.all((sources["xy_px"] >= -0.5) & (sources["xy_px"] < size - 0.5), axis=1)
-    return drawn[detected & on_array]
+    return np.asarray(drawn[detected & on_array])
 
 
 def _clutter(
