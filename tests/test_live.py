@@ -413,7 +413,7 @@ def test_all_groups_of_a_scene_can_be_looked_at():
         view = page._groups._views[1]
         assert until(lambda: view.root.visible and view._text.text.startswith("about bus; axes"))
         assert not page._globe.root.visible
-        controls.target.value = "bus"
+        controls.curves.target.value = "bus"
         alone = ws.light_curves(renderer.scene, [800.0], ["sat61.narrow"], ["bus"], ["A"]).snr[0, 0, 0, 0]
         assert until(lambda: "bus" in controls.curves._plot.title)
         assert until(lambda: np.nanmax(controls.curves._plot.data[-1]) == pytest.approx(alone, rel=0.05))

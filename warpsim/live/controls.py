@@ -65,11 +65,7 @@ class Controls:
             self.overlay = gui.add_checkbox("boxes and names", True)
             self.crop = gui.add_checkbox("targets only", False)
         self.access = gui.add_html("")
-        self.curves = Curves(gui, scenario)
-        with self.curves.folder:
-            self.target = gui.add_dropdown("target", tuple(scenario.target_names[:MOST_NAMES]) or ("none",))
-            self.sensor = gui.add_dropdown("sensor", list(sensors) or scenario.sensor_names)
-            self.quantity = gui.add_dropdown("quantity", tuple(QUANTITIES))
+        self.curves = Curves(gui, scenario, sensors)
 
     @property
     def chosen_group(self) -> int | None:
@@ -90,14 +86,8 @@ class Controls:
         """Call `again` when images are to be shown in another way, `curve` when another curve is asked for."""
         for control in (self.ceiling, self.overlay, self.crop, self.band, self.sensors):
             control.on_update(lambda _: again())
-        for control in (self.target, self.sensor, self.quantity, self.band):
+        for control in (self.curves.target, self.curves.sensor, self.curves.quantity, self.band):
             control.on_update(lambda _: curve())
-
-    def draw_curve(self, scenario: Scenario) -> None:
-        """Draw the chosen curve; in the sensor's first band where it does not have the chosen one."""
-        bands = scenario.instrument_of(self.sensor.value).sensor.bands
-        band = self.band.value if self.band.value in bands else bands[0]
-        self.curves.choose(scenario, self.sensor.value, self.target.value, band, self.quantity.value)
 
 
 def groups_with_targets(scenario: Scenario) -> tuple[str, ...]:
@@ -122,21 +112,29 @@ class Curves:
     Args:
         gui: The server's `gui`.
         scenario: What is shown.
+        sensors: Sensors with images.
     """
 
-    def __init__(self, gui: Any, scenario: Scenario) -> None:
-        self._gui, self.folder = gui, gui.add_folder("Curves")
+    def __init__(self, gui: Any, scenario: Scenario, sensors: Sequence[str]) -> None:
+        self._gui, self._folder = gui, gui.add_folder("Curves")
         self._plot: Any = None
+        with self._folder:
+            self.target = gui.add_dropdown("target", tuple(scenario.target_names[:MOST_NAMES]) or ("none",))
+            self.sensor = gui.add_dropdown("sensor", list(sensors) or scenario.sensor_names)
+            self.quantity = gui.add_dropdown("quantity", tuple(QUANTITIES))
         self._time_s = np.linspace(0.0, scenario.scene.duration_s, N_TIME)
         self._lines: dict[str, F64] = {}
 
-    def choose(self, scenario: Scenario, sensor: str, target: str, band: str, quantity: str) -> None:
-        """Draw another curve."""
+    def draw(self, scenario: Scenario, band: str, time_s: float) -> None:
+        """Draw the chosen curve; in the sensor's first band where it does not have the chosen one."""
+        sensor, target, quantity = self.sensor.value, self.target.value, self.quantity.value
+        instrument = scenario.instrument_of(sensor)
+        bands = instrument.sensor.bands
+        band = band if band in bands else bands[0]
         curves = light_curves(scenario, self._time_s, [sensor], [target], [band])
         name = QUANTITIES[quantity]
         parts = curves.terms_w_cm2 if name == "irradiance_w_cm2" else {quantity: getattr(curves, name)}
         lines = {label: values.reshape(N_TIME) for label, values in parts.items()}
-        instrument = scenario.instrument_of(sensor)
         access = instrument.has_access(instrument.index(sensor), self._time_s)
         total = sum(lines.values())
         self._lines = {label: np.where(access, values, np.nan) for label, values in lines.items()}
@@ -151,9 +149,9 @@ class Curves:
         mark = _dots("now", "#ff6b4a", 9)
         axis = {"stroke": "#aaa", "grid": {"stroke": "#333"}}
         scales = {"x": {"time": False, "range": (0.0, self._time_s[-1])}, "y": {"range": self._range()}}
-        with self.folder:
+        with self._folder:
             self._plot = self._gui.add_uplot(
-                data=self._data(0.0), series=(*series, mark), height=170, scales=scales, axes=(axis, axis),
+                data=self._data(time_s), series=(*series, mark), height=170, scales=scales, axes=(axis, axis),
                 title=f"{target} from {sensor}, band {band}: {quantity}",
             )  # fmt: skip
 

@@ -265,8 +265,7 @@ class View:
     def _draw_curve(self) -> None:
         if self.scenario.targets and self.images.sensors:
             with self._lock:
-                self._controls.draw_curve(self.scenario)
-                self._controls.curves.show(self.time_s)
+                self._controls.curves.draw(self.scenario, self._controls.band.value, self.time_s)
 
     def _change(self) -> None:
         """Render another scene from now on: the one with the numbers of the page."""
