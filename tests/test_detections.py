@@ -343,31 +343,20 @@ def test_nothing_is_found_where_all_is_full():
 
 
 def test_bad_input_is_one_line(frames):
-    scene = frames.scenario
-    cases = [
-        (
-            lambda: ws.detections(scene, method="sep"),
-            "method: must be truth of a scene; others need rendered frames, got",
-        ),
-        (
-            lambda: ws.detections(frames, method="x"),
-            "method: must be one of truth, matched_filter, sep, photutils, got 'x'",
-        ),
-        (lambda: ws.detections(frames, threshold_sigma=0), "threshold_sigma: must be a number above 0, got 0"),
-        (
-            lambda: ws.detections(frames, method="truth", probability=2),
-            "probability: must be a number from 0 to 1, got 2",
-        ),
-        (lambda: ws.detections(frames, clutter_per_image=1.0), "must be left out where detections are found in pixels"),
-        (lambda: ws.detections(frames, [3]), "frames: frame 3 of 'sat11' in band 'A' was not rendered"),
-        (lambda: ws.detections(frames, [110.7]), "frames: must be a whole number >= 0, got 110.7"),
-        (lambda: ws.detections(frames, sensors="sat12"), "sensors: must be among sat11, sat27, got 'sat12'"),
-        (lambda: ws.detections(frames, match_px=-1), "match_px: must be a number above 0, got -1"),
-        (lambda: ws.detections("stss"), "scene: must be a Scene or a Scenario, got str"),
-    ]
-    for call, text in cases:
+    for source, options, text in (
+        (frames.scenario, {"method": "sep"}, "method: must be truth of a scene; others need rendered frames, got"),
+        (frames, {"method": "x"}, "method: must be one of truth, matched_filter, sep, photutils, got 'x'"),
+        (frames, {"threshold_sigma": 0}, "threshold_sigma: must be a number above 0, got 0"),
+        (frames, {"method": "truth", "probability": 2}, "probability: must be a number from 0 to 1, got 2"),
+        (frames, {"clutter_per_image": 1.0}, "must be left out where detections are found in pixels"),
+        (frames, {"frames": [3]}, "frames: frame 3 of 'sat11' in band 'A' was not rendered"),
+        (frames, {"frames": [110.7]}, "frames: must be a whole number >= 0, got 110.7"),
+        (frames, {"sensors": "sat12"}, "sensors: must be among sat11, sat27, got 'sat12'"),
+        (frames, {"match_px": -1}, "match_px: must be a number above 0, got -1"),
+        ("stss", {}, "scene: must be a Scene or a Scenario, got str"),
+    ):
         with pytest.raises(ws.InputError) as error:
-            call()
+            ws.detections(source, **options)
         assert text in str(error.value) and "\n" not in str(error.value)
 
 

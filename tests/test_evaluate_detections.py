@@ -259,21 +259,12 @@ def test_detections_drawn_from_truth_score_as_they_were_drawn():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda found, truth: found.remove_column("x_px"), "found: must have the column x_px"),
-        (lambda found, truth: truth.remove_column("snr"), "truth: must have the column snr"),
-        (
-            lambda found, truth: found.add_row((7, "eye", "A", 0.0, 0.0)),
-            "found: frame 7 of 'eye' in band 'A' is not in",
-        ),
-        (
-            lambda found, truth: found.add_row((0, "eye", "A", np.nan, 0.0)),
-            "found.x_px: must be finite, got nan in row 1",
-        ),
-        (
-            lambda found, truth: truth.add_row(truth[0]),
-            "truth: must have each target of an image once, got 't0' of rows 0 and 1",
-        ),
-        (lambda found, truth: truth.remove_rows(slice(0, 3)), "truth: must have rows"),
+        (lambda found, _: found.remove_column("x_px"), "found: must have the column x_px"),
+        (lambda _, truth: truth.remove_column("snr"), "truth: must have the column snr"),
+        (lambda found, _: found.add_row((7, "eye", "A", 0.0, 0.0)), "found: frame 7 of 'eye' in band 'A' is not in"),
+        (lambda found, _: found.add_row((0, "eye", "A", np.nan, 0.0)), "found.x_px: must be finite, got nan in row 1"),
+        (lambda _, truth: truth.add_row(truth[0]), "truth: must have each target .* once, got 't0' of rows 0 and 1"),
+        (lambda _, truth: truth.remove_rows(slice(0, 3)), "truth: must have rows"),
     ],
 )
 def test_bad_tables_are_one_line(change, words):

@@ -13,6 +13,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from PIL import Image
+from waiting import until
 
 import warpsim as ws
 from warpsim.cli import main
@@ -232,10 +233,7 @@ def test_the_page_shows_what_it_is_asked_for(renderer):
             ws.view(renderer, port=page.port)
         frames = renderer.render(range(70, 73), SENSORS, ["A", "C"])
         page.offer(frames)
-        deadline = time.monotonic() + 20
-        while page.frame != 72 and time.monotonic() < deadline:
-            time.sleep(0.01)
-        assert page.frame == 72 and page.n_dropped == 2
+        assert until(lambda: page.frame == 72) and page.n_dropped == 2
         np.testing.assert_array_equal([image.counts for image in page.shown], frames.counts.numpy()[2, :, 1])
     with socket.socket() as probe:  # the port is free again
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -323,10 +321,7 @@ def test_a_page_follows_a_server(renderer):
         )
         with server, Follower(page, server.address):
             server.run()
-            deadline = time.monotonic() + 20
-            while page.frame != frames[-1] and time.monotonic() < deadline:
-                time.sleep(0.01)
-        assert page.frame == frames[-1]
+            assert until(lambda: page.frame == frames[-1])
         expected = renderer.render(frames[-1:], SENSORS, "C").counts.numpy()[0, :, 0]
         np.testing.assert_array_equal([image.counts for image in page.shown], expected)
         assert all(image.marks for image in page.shown)
@@ -337,17 +332,7 @@ def test_a_page_follows_a_server(renderer):
 def lives(page, frame):
     """Whether the page shows a frame that it is asked for, by its thread."""
     page._player.ask(frame)
-    deadline = time.monotonic() + 20
-    while page.frame != frame and time.monotonic() < deadline:
-        time.sleep(0.01)
-    return page.frame == frame and page._player._thread.is_alive()
-
-
-def until(condition):
-    deadline = time.monotonic() + 20
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    return condition()
+    return until(lambda: page.frame == frame) and page._player._thread.is_alive()
 
 
 @pytest.mark.ci

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from waiting import until
 
 import warpsim as ws
 from warpsim.errors import InputError
@@ -19,13 +20,6 @@ NUMBER = "sensors__0__"
 @pytest.fixture(scope="module")
 def renderer(scene):
     return ws.Renderer(scene, "cpu")
-
-
-def until(condition):
-    deadline = time.monotonic() + 60
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    return condition()
 
 
 def labels(scene, kind):

@@ -5,10 +5,9 @@ from __future__ import annotations
 import time
 from types import SimpleNamespace
 
-from warpsim.live.page import Player, Status
+from waiting import until
 
-PATIENCE_S = 20.0
-"""A thread of a busy machine may be late by seconds."""
+from warpsim.live.page import Player, Status
 
 
 def playing_on(frames, frames_per_s=0.0, fails=()):
@@ -21,13 +20,6 @@ def playing_on(frames, frames_per_s=0.0, fails=()):
             page.frame = frame
 
     return Player(page, show, lambda: frames_per_s), page
-
-
-def until(condition):
-    end = time.monotonic() + PATIENCE_S
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.002)
-    return condition()
 
 
 def test_what_is_asked_for_is_shown_once_and_failures_are_not_tried_again():

@@ -55,8 +55,9 @@ class Controls:
         self.buttons = gui.add_button_group("time", ("play", "pause", "step"))
         self.speed = gui.add_slider("times real", 0.1, 100.0, 0.1, 10.0)
         self.view = gui.add_dropdown("show", (EARTH, GROUP) if scenario.targets else (EARTH,))
-        self.group = gui.add_dropdown("group", groups_with_targets(scenario) or ("none",))
-        self.group.visible = len(self.group.options) > 1
+        groups = [self._groups[number] for number in sorted({target.group for target in scenario.targets})]
+        self.group = gui.add_dropdown("group", tuple(groups) or ("none",))
+        self.group.visible = len(groups) > 1
         self.moving = gui.add_checkbox("play in 3-D too", True, hint="off: images play faster where no GPU draws")
         with gui.add_folder("Images"):
             self.sensors = gui.add_text("sensors", ",".join(sensors))
@@ -88,12 +89,6 @@ class Controls:
             control.on_update(lambda _: again())
         for control in (self.curves.target, self.curves.sensor, self.curves.quantity, self.band):
             control.on_update(lambda _: curve())
-
-
-def groups_with_targets(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the groups that have targets."""
-    numbers = sorted({target.group for target in scenario.targets})
-    return tuple(scenario.group_names[number] for number in numbers)
 
 
 def first_frame(scenario: Scenario, sensors: Sequence[str], frames: Sequence[int]) -> int:

@@ -41,22 +41,17 @@ def open_server(port: int) -> tuple[Any, int]:
         raise InputError("needs viser, which the extra `live` brings: pip install 'warpsim[live]'").of("view")
     import viser
 
-    port = _free_port(whole_number("port", port, 0))
-    with contextlib.redirect_stdout(io.StringIO()):  # it prints a frame about its address
-        return viser.ViserServer(host="127.0.0.1", port=port, label="warpsim", verbose=False), port
-
-
-def _free_port(port: int) -> int:
-    """Return the port if it is free, another free one for 0."""
-    if port > 65535:
+    if whole_number("port", port, 0) > 65535:
         raise InputError("must be in 0 to 65535", "port", port)
-    with socket.socket() as probe:
+    with socket.socket() as probe:  # whether the port is free, or which one is
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(("127.0.0.1", port))
         except OSError as error:
             raise InputError(f"cannot be taken: {os.strerror(error.errno or 0).lower()}", "port", port) from None
-        return int(probe.getsockname()[1])
+        port = int(probe.getsockname()[1])
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints a frame about its address
+        return viser.ViserServer(host="127.0.0.1", port=port, label="warpsim", verbose=False), port
 
 
 class Status:
