@@ -9,6 +9,7 @@ import re
 import socket
 import time
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from warpsim.labels.boxes import target_boxes
 from warpsim.live import shown_images
 from warpsim.live.access_bars import _words, access_bars, access_note
 from warpsim.live.globe import _end_of_ray
+from warpsim.live.page import Player, Status
 from warpsim.live.run_images import FolderImages
 from warpsim.live.shown_images import RenderedImages, images_of
 from warpsim.live.sources import images_from
@@ -339,14 +341,14 @@ def lives(page, frame):
 def test_the_page_lives_on_after_what_goes_wrong(renderer):
     with ws.view(renderer, port=0, sensors=SENSORS, band="C") as page:
         page._player.ask(10**6)
-        assert until(lambda: page.status.problems.get("frame")) and page.frame < 10**6
-        assert lives(page, 61) and until(lambda: not page.status.problems["frame"])
+        assert until(lambda: page.status.notes.get("frame")) and page.frame < 10**6
+        assert lives(page, 61) and until(lambda: not page.status.notes["frame"])
         page.offer_images(3, lambda band: 1 / 0)
-        assert until(lambda: "division" in page.status.problems["frame"])
+        assert until(lambda: "division" in page.status.notes["frame"])
         page._controls.sensors.value = "nosuch"
-        assert until(lambda: "nosuch" in page.status.problems["sensors"])
+        assert until(lambda: "nosuch" in page.status.notes["sensors"])
         page._controls.sensors.value = "sat27"
-        assert until(lambda: page.sensors == ["sat27"] and not page.status.problems["sensors"])
+        assert until(lambda: page.sensors == ["sat27"] and not page.status.notes["sensors"])
         page._controls.sensors.value = ""
         assert lives(page, 62) and page.shown == []
         with pytest.raises(InputError, match="frame"):
@@ -466,3 +468,51 @@ def test_damaged_packets_are_dropped():
         [b"frame/x", b"\0" + packet()[1:]],
     ):
         assert _image_of(message) is None
+
+
+def playing_on(frames, frames_per_s=0.0, fails=()):
+    """A player and its page; frames that fail are not shown."""
+    page = SimpleNamespace(frame=frames[0], frames=list(frames), status=Status(), seen=[])
+
+    def show(frame, images):
+        page.seen.append((frame, images))
+        if frame not in fails:
+            page.frame = frame
+
+    return Player(page, show, lambda: frames_per_s), page
+
+
+def test_what_is_asked_for_is_shown_once_and_failures_are_not_tried_again():
+    player, page = playing_on(range(10), fails=[7])
+    player.start()
+    player.ask(3)
+    assert until(lambda: page.frame == 3)
+    player.ask(7)
+    assert until(lambda: (7, None) in page.seen and player.wanted == 3)
+    player.ask_again()
+    assert until(lambda: len(page.seen) == 3)
+    time.sleep(0.05)
+    assert page.seen == [(3, None), (7, None), (3, None)] and player._thread.is_alive()
+    player.stop()
+    assert not player._thread.is_alive()
+
+
+def test_playing_drops_frames_and_ends_with_the_last():
+    player, page = playing_on(range(100, 200), frames_per_s=2000.0, fails=[199])
+    player.playing = True
+    player.start()
+    assert until(lambda: not player.playing)
+    player.stop()
+    shown = [frame for frame, _ in page.seen]
+    assert shown == sorted(set(shown)) and shown[-1] == page.frame == 199
+    assert page.status.n_dropped == 99 - len(shown)
+
+
+def test_of_what_is_offered_the_last_is_shown():
+    player, page = playing_on(range(10))
+    for frame in (1, 2, 5):
+        player.offer(frame, str(frame))  # stands for the function of the images
+    player.start()
+    assert until(lambda: page.seen)
+    player.stop()
+    assert page.seen == [(5, "5")] and page.status.n_dropped == 2 and player.wanted == 5

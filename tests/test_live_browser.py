@@ -241,7 +241,7 @@ def test_a_client_that_disappears_leaves_the_others_alone(browser, page, rendere
     page._press("pause")
     page.show(66)
     assert until(lambda: equal(greys(stays), expected(renderer, 66)))
-    assert page._player._thread.is_alive() and not page.status.problems["frame"]
+    assert page._player._thread.is_alive() and not page.status.notes["frame"]
     stays.close()
     with contextlib.suppress(Exception):
         gone.close()

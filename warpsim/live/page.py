@@ -58,13 +58,11 @@ class Status:
     """How the page keeps up, and what was wrong with what it was asked for."""
 
     def __init__(self) -> None:
-        self.problems = {"source": ""}
-        """By what they are of: the source of images, sensors, the scene, a frame."""
+        self.notes = dict.fromkeys(("progress", "source", "sensors", "scene", "frame"), "")
+        """Progress of a run that is still being rendered; problems, by what they are of."""
         self.n_dropped = 0
         self.n_shown = 0
         """Frames that were sent to the page."""
-        self.progress = ""
-        """How much is there of a run that is still being rendered."""
         self.latency_s: deque[float] = deque(maxlen=200)
         self._shown_at: deque[float] = deque(maxlen=60)
 
@@ -79,14 +77,16 @@ class Status:
         p50_ms, p99_ms = 1e3 * np.percentile(self.latency_s or [0.0], [50, 99])
         since_s = self._shown_at[-1] - self._shown_at[0] if self._shown_at else 0.0
         rate = f"{(len(self._shown_at) - 1) / since_s:.1f} frames/s, " if since_s > 0 else ""
-        lines = [html.escape(line) for line in self.problems.values() if line]
-        problems = "".join(f'<div style="color:#ff6b4a">{line}</div>' for line in lines)
-        progress = f"<br>{html.escape(self.progress)}" if self.progress else ""
+        notes = [
+            f'<div style="color:{"inherit" if of == "progress" else "#ff6b4a"}">{html.escape(note)}</div>'
+            for of, note in self.notes.items()
+            if note
+        ]
         return (
             '<div class="status" style="padding:0 10px;font:12px sans-serif">'
             f"frame {frame}, {time_s:g} s, {date} UTC<br>"
             f"{rate}sent within {p50_ms:.0f} ms (99 %: {p99_ms:.0f} ms), {self.n_dropped} dropped"
-            f"{progress}{problems}</div>"
+            f"{''.join(notes)}</div>"
         )
 
 
@@ -98,11 +98,8 @@ class _Page(Protocol):
     sensors: list[str]
     status: Status
 
-    def note_of_source(self, note: str) -> None:
-        """Show what is wrong with where images come from."""
-
-    def tell_progress(self, progress: str) -> None:
-        """Show how much of a run is there."""
+    def note(self, of: str, note: str) -> None:
+        """Show how much of a run is there, or what is wrong with where images come from."""
 
     def grow(self, newest: int | None, before: int) -> None:
         """Take the frames that are there by now."""
@@ -228,7 +225,7 @@ class Watch:
             except Exception as error:  # a folder that is gone, or holds another run
                 problem = one_line(error)
             if problem != before:
-                self._page.note_of_source(problem)
+                self._page.note("source", problem)
             if self._stop.wait(_LOOK_S):
                 return
 
@@ -243,7 +240,7 @@ class Watch:
             self._before = self._before if newest is None else newest
             self._n_there = n_there
         progress = f"{n_there} of {images.n_image} images are there"
-        page.tell_progress(f"the run is done, {progress}" if is_done else progress)
+        page.note("progress", f"the run is done, {progress}" if is_done else progress)
         return is_done
 
     def close(self) -> None:

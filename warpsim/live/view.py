@@ -160,10 +160,9 @@ class View:
         """Show a frame, or images of it that were offered; what goes wrong stands on the page, which lives on."""
         try:
             self._show(frame, images)
-            self.status.problems["frame"] = ""
+            self.note("frame", "")
         except Exception as error:  # a file that is gone, a packet of another scene
-            self.status.problems["frame"] = one_line(error)
-            self._tell()
+            self.note("frame", one_line(error))
 
     def _show(self, frame: int, offered: ImagesOfBand | None = None) -> None:
         """Send the images of a frame, or those that were offered of it, and move what there is in three dimensions."""
@@ -212,16 +211,10 @@ class View:
         image = image.about_targets() if controls.crop.value else image
         return tile_html(image, controls.ceiling.value, controls.overlay.value, with_counts, note)
 
-    def note_of_source(self, note: str) -> None:
-        """Let the line of status say something of where images come from; nothing for an empty text."""
-        if note != self.status.problems["source"]:
-            self.status.problems["source"] = note
-            self._tell()
-
-    def tell_progress(self, progress: str) -> None:
-        """Let the line of status say how much is there of a run; nothing for an empty text."""
-        if progress != self.status.progress:
-            self.status.progress = progress
+    def note(self, of: str, note: str) -> None:
+        """Let the line of status say something of one of its subjects; nothing for an empty text."""
+        if note != self.status.notes[of]:
+            self.status.notes[of] = note
             self._tell()
 
     def watch(self) -> None:
@@ -258,9 +251,9 @@ class View:
             chosen = self.scenario.select_sensors(names) if names else []
             self.sensors = self._globe.sensors = chosen[: len(self._tiles)]
             more = len(chosen) - len(self._tiles)
-            self.status.problems["sensors"] = f"{more} sensors more than fit are not shown" if more > 0 else ""
+            self.status.notes["sensors"] = f"{more} sensors more than fit are not shown" if more > 0 else ""
         except InputError as error:
-            self.status.problems["sensors"] = str(error)
+            self.status.notes["sensors"] = str(error)
 
     def _draw_curve(self) -> None:
         if self.scenario.targets and self.images.sensors:
@@ -272,19 +265,18 @@ class View:
         controls = self._scene_controls
         if controls is None or not isinstance(self.images, RenderedImages):
             return
-        self.note_of_source("changing the scene ...")
+        self.note("source", "changing the scene ...")
         try:
             with self._lock:
                 scene = changed_scene(self.images.renderer.scenario, controls.changes, controls.value)
                 if scene.to_dict() != self.scenario.scene.to_dict():
                     self._take(scene, self.images.renderer)
                 controls.accept(self.scenario)
-                self.status.problems["scene"] = ""
+                self.status.notes["scene"] = ""
         except Exception as error:  # also what no rule foresees, such as want of memory
             problem = str(error) if isinstance(error, InputError) else one_line(error)
-            self.status.problems["scene"] = f"{problem}; the scene is as before"
-        self.note_of_source("")
-        self._tell()
+            self.status.notes["scene"] = f"{problem}; the scene is as before"
+        self.note("source", "")
         self._draw_curve()
         self._player.ask_again()
 
