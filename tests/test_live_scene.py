@@ -61,9 +61,8 @@ def test_satellites_and_targets_stand_where_they_are(globe, scene):
     assert names == {*seen, "center (main)"}
     sights = points(globe, "sights")
     np.testing.assert_allclose(sights[:, 0], wanted, atol=1e-5)
-    np.testing.assert_allclose(
-        sights[:, 1], np.tile(scenario.position_m("center", at) / 1e6, (len(seen), 1)), atol=1e-5
-    )
+    main = np.tile(scenario.position_m("center", at) / 1e6, (len(seen), 1))
+    np.testing.assert_allclose(sights[:, 1], main, atol=1e-5)
 
 
 def test_what_moves_is_moved_and_not_added_again(scene):
