@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.live.globe import quaternion_wxyz, rgb
-from warpsim.live.shown_images import is_main
-from warpsim.plot.figure import plain, target_kinds
+from warpsim.plot.figure import TargetKind, plain, target_kinds
 from warpsim.plot.group_figure import body_to_gcrs, drawn_facets, group_offsets_m, local_frame
 from warpsim.scene.scenario import Scenario
 
@@ -74,27 +73,26 @@ class GroupView:
         self._scene, self.scenario, self._path = scene, scenario, f"{ROOT}{group}"
         self.root = scene.add_frame(self._path, show_axes=True, axes_length=1.0, axes_radius=0.01, visible=False)
         kinds = [kind for kind in target_kinds(scenario) if kind.group == group]
-        members = [(target, kind.colour) for kind in kinds for target in kind.targets]
+        members = [(target, kind) for kind in kinds for target in kind.targets]
         self._n_all = len(members)
-        self._bodies = {target: self._body(target, colour) for target, colour in members[:_MOST_BODIES]}
+        self._bodies = {target: self._body(target, kind) for target, kind in members[:_MOST_BODIES]}
         self._text = scene.add_label(f"{self._path}/scale", "", position=(0.0, 0.0, -EXTENT), anchor="top-center")
 
-    def _body(self, target: int, colour: str) -> Any:
+    def _body(self, target: int, kind: TargetKind) -> Any:
         import trimesh
 
         facets = drawn_facets(self.scenario.targets[target].spec.shape)
         corners = (_BODY * facets).reshape(-1, 3)
         first = 4 * np.arange(len(facets))
         faces = np.concatenate([np.stack([first, first + 1, first + 2], 1), np.stack([first, first + 2, first + 3], 1)])
-        azimuth = np.arctan2(facets.mean(axis=1)[:, 1], facets.mean(axis=1)[:, 0])
-        shade = np.where((azimuth > 0) & (azimuth < np.pi / 2), _DARK, 1.0)
-        colours = np.concatenate([np.array(rgb(colour)) * shade[:, None], np.full((len(facets), 1), 255.0)], axis=1)
+        x, y, _ = facets.mean(axis=1).T
+        colours = np.array(rgb(kind.colour)) * np.where((x > 0) & (y > 0), _DARK, 1.0)[:, None]
         mesh = trimesh.Trimesh(corners, faces, process=False)
         mesh.visual.vertex_colors = np.repeat(colours, 4, axis=0).astype(np.uint8)
-        name, main = self.scenario.target_names[target], is_main(self.scenario, target)
         body = self._scene.add_mesh_trimesh(f"{self._path}/body{target}", mesh, visible=False)
-        if main or self._n_all <= _MOST_NAMES:
-            label, size = (f"{name} (main)", 1.0) if main else (name, 0.8)
+        if kind.is_main or self._n_all <= _MOST_NAMES:
+            name = self.scenario.target_names[target]
+            label, size = (f"{name} (main)", 1.0) if kind.is_main else (name, 0.8)
             self._scene.add_label(f"{self._path}/body{target}/name", label, font_screen_scale=size)
         return body
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -13,6 +12,7 @@ import numpy.typing as npt
 from warpsim.detector.levels import Levels
 from warpsim.labels.boxes import Boxes, target_boxes
 from warpsim.output.grey import window_about
+from warpsim.plot.figure import target_kinds
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 from warpsim.scene.scenario import Scenario
@@ -112,15 +112,10 @@ class RenderedImages:
         return sorted(shown, key=lambda image: sensors.index(image.sensor))
 
 
-def is_main(scenario: Scenario, target: int) -> bool:
-    """Return whether a target, by its number, is the main one of its group, which the others leave."""
-    known = scenario.targets[target]
-    return known.entry == 0 and scenario.scene.groups[known.group].orbits is None
-
-
-def main_targets(scenario: Scenario) -> set[str]:
-    """Return the names of the main targets of all groups."""
-    return {name for number, name in enumerate(scenario.target_names) if is_main(scenario, number)}
+def main_targets(scenario: Scenario) -> list[str]:
+    """Return the names of the main targets of all groups, which the others leave."""
+    names = scenario.target_names
+    return [names[target] for kind in target_kinds(scenario) if kind.is_main for target in kind.targets]
 
 
 def images_of(frames: FrameSet, index: int, band: str) -> list[ShownImage]:
@@ -132,9 +127,7 @@ def images_of(frames: FrameSet, index: int, band: str) -> list[ShownImage]:
     return [ShownImage(key[1], band, counts[i], levels, marks.get(key, [])) for i, key in enumerate(keys)]
 
 
-def marks_of(
-    table: Table, mains: AbstractSet[str], boxes: Boxes | None = None
-) -> dict[tuple[int, str, str], list[Mark]]:
+def marks_of(table: Table, mains: Sequence[str], boxes: Boxes | None = None) -> dict[tuple[int, str, str], list[Mark]]:
     """Targets with light by frame, sensor and band, from a table of truth.
 
     Args:

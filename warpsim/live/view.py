@@ -103,7 +103,7 @@ class View:
             self._scene_controls = SceneControls(server.gui, scenario, kind, self._change)
         panel = server.gui.add_panel()
         with panel.add_tab("Images"):
-            server.gui.add_html(legend_html([n for n in scenario.target_names if n in main_targets(scenario)]))
+            server.gui.add_html(legend_html(main_targets(scenario)))
             self._tiles = [server.gui.add_html("") for _ in range(max(len(self.sensors), MOST_SHOWN))]
         panel.dock_left()
         panel.set_width(330)
