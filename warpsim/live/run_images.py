@@ -280,9 +280,8 @@ def _plane(path: Path, index: int) -> npt.NDArray[np.uint16]:
     with path.open("rb") as file:
         header = fits.Header.fromfile(file)
         shape = int(header["NAXIS2"]), int(header["NAXIS1"])
-        n_byte = 2 * shape[0] * shape[1]
-        file.seek(index * n_byte, os.SEEK_CUR)
-        data = file.read(n_byte)
-    if len(data) < n_byte:
+        n_pixel = shape[0] * shape[1]
+        data = np.fromfile(file, ">i2", n_pixel, offset=2 * index * n_pixel)
+    if len(data) < n_pixel:
         raise OSError(f"{path}: is shorter than its run says")
-    return (np.frombuffer(data, ">i2").astype(np.int32) + int(header["BZERO"])).astype(np.uint16).reshape(shape)
+    return (data.astype(np.int32) + int(header["BZERO"])).astype(np.uint16).reshape(shape)
