@@ -91,9 +91,8 @@ def detections(
     """
     chosen = _checked_method(method, isinstance(source, FrameSet))
     threshold = above_zero("threshold_sigma", threshold_sigma)
-    search = Search(
-        chosen, threshold, whole_number("background_px", background_px, 0), above_zero("match_px", match_px)
-    )
+    box_px = whole_number("background_px", background_px, 0)
+    search = Search(chosen, threshold, box_px, above_zero("match_px", match_px))
     draws = Draws(threshold, *_checked_draws(probability, clutter_per_image), whole_number("seed", seed, 0))
     if chosen != "truth" and draws != Draws(threshold):
         raise InputError("must be left out where detections are found in pixels", "probability, clutter, seed")
@@ -105,8 +104,8 @@ def detections(
         assert isinstance(source, FrameSet)  # by the check of the method
         found = find_detections(source, images, truth, search)
     table = _table(scenario, views, images, np.concatenate([np.zeros(0, ROW), *found]))
-    settings = asdict(draws) if chosen == "truth" else asdict(search)
-    table.meta |= {name.upper(): value for name, value in settings.items() if value is not None}
+    settings: Draws | Search = draws if chosen == "truth" else search
+    table.meta |= {name.upper(): value for name, value in asdict(settings).items() if value is not None}
     table.meta["METHOD"] = chosen
     return table
 

@@ -108,8 +108,8 @@ def triangulate(
     covariance = np.asarray(np.linalg.inv(_checked_normal(fit.jac, lines)), dtype=np.float64)
     residual = fit.fun.reshape(-1, 2) * sigma[:, None]
     velocity = None if motion == "still" else state[3:]
-    fitted = 2 * len(lines) - n_state, float(fit.fun @ fit.fun)
-    return Triangulation(when_s, state[:3], velocity, covariance, residual, *fitted)
+    chi_square = float(fit.fun @ fit.fun)
+    return Triangulation(when_s, state[:3], velocity, covariance, residual, 2 * len(lines) - n_state, chi_square)
 
 
 def _seen_from(
