@@ -19,21 +19,14 @@ def small_scene(n_target=1, nei_w_cm2=3e-19, psf=("gaussian", 0.8), **more):
     """One group's first targets as the paper's ten sensors see them through small cameras that shake by a pixel."""
     scene = ws.Scene.load("stss")
     kind, size = psf
-    optics = (
-        {"optics__psf": "gaussian", "optics__sigma_px": size} if kind == "gaussian" else {"optics__aperture_m": size}
-    )
+    gaussian = {"optics__psf": "gaussian", "optics__sigma_px": size}
+    optics = gaussian if kind == "gaussian" else {"optics__aperture_m": size}
     fields = {
-        "sky__catalog": "none",
-        "targets": [scene.targets[0], *([scene.targets[1]] if n_target > 1 else [])],
-        "camera__n_row": 32,
-        "camera__n_col": 32,
-        "camera__fov_deg": 0.25,
-        "bands": ["A"],
-        "detector__nei_w_cm2": nei_w_cm2,
-        "detector__sei_w_cm2": 1e-13,
-        "detector__bits": 16,
+        "sky__catalog": "none", "targets": scene.targets[:n_target], "bands": ["A"],
+        "camera__n_row": 32, "camera__n_col": 32, "camera__fov_deg": 0.25,
+        "detector__nei_w_cm2": nei_w_cm2, "detector__sei_w_cm2": 1e-13, "detector__bits": 16,
         "pointing__jitter": {"rms_urad": 100.0, "correlation_s": 1.0},
-    }
+    }  # fmt: skip
     return scene.replace(**(fields | optics | more))
 
 
@@ -181,9 +174,8 @@ def test_states_of_sensors_are_those_of_their_times():
 def test_quaternions_turn_into_camera_axes(frames):
     table = ws.detections(frames, method="truth")
     q = np.stack([table[f"sensor_q{axis}"] for axis in "xyzw"], axis=1)
-    expected = np.array(
-        [frames.axes_icrs[frames.frames.index(row["frame"]), frames.sensors.index(row["sensor"])] for row in table]
-    )
+    views = [(frames.frames.index(row["frame"]), frames.sensors.index(row["sensor"])) for row in table]
+    expected = frames.axes_icrs[tuple(np.transpose(views))]
     np.testing.assert_allclose(Rotation.from_quat(q).as_matrix(), expected, atol=1e-12)
 
 
@@ -193,12 +185,8 @@ N_DRAW = 20_000
 @pytest.mark.ci
 def test_errors_of_directions_are_those_of_draws():
     """Through a wide, distorted camera of tall pixels, at a corner, near the pole's meridians."""
-    scene = small_scene(
-        camera__fov_deg=20.0,
-        camera__pixel_aspect=1.5,
-        camera__distortion={"k1": -0.1, "p1": 0.02},
-        pointing__roll_deg=30.0,
-    )
+    wide = {"camera__fov_deg": 20.0, "camera__pixel_aspect": 1.5, "camera__distortion": {"k1": -0.1, "p1": 0.02}}
+    scene = small_scene(**wide, pointing__roll_deg=30.0)
     frames = ws.Renderer(scene).render([100], sensors=["sat11", "sat27"])
     table = ws.detections(frames, method="truth", probability=0.0, clutter_per_image=3.0)
     rng = np.random.default_rng(1)
@@ -286,10 +274,9 @@ def test_images_are_as_sensitive_as_the_draws_say():
     drawn, found = (ws.detections(frames, method=method) for method in ("truth", "matched_filter"))
     n_image = 100 * len(frames.sensors)
     n_found, n_false = np.sum(found["target"] != ""), np.sum(found["target"] == "")
+    gate = GATE_SIGMA * np.sqrt(len(drawn))
     # The best of a fit's positions has some more light than the true one: 0.3 sigma at the threshold.
-    assert (
-        len(drawn) - GATE_SIGMA * np.sqrt(len(drawn)) < n_found < 1.15 * len(drawn) + GATE_SIGMA * np.sqrt(len(drawn))
-    )
+    assert len(drawn) - gate < n_found < 1.15 * len(drawn) + gate
     assert n_false < 3e-3 * n_image + 5  # 32 x 32 pixels, several positions each, beyond 5 sigma
 
 
@@ -343,31 +330,20 @@ def test_nothing_is_found_where_all_is_full():
 
 
 def test_bad_input_is_one_line(frames):
-    scene = frames.scenario
-    cases = [
-        (
-            lambda: ws.detections(scene, method="sep"),
-            "method: must be truth of a scene; others need rendered frames, got",
-        ),
-        (
-            lambda: ws.detections(frames, method="x"),
-            "method: must be one of truth, matched_filter, sep, photutils, got 'x'",
-        ),
-        (lambda: ws.detections(frames, threshold_sigma=0), "threshold_sigma: must be a number above 0, got 0"),
-        (
-            lambda: ws.detections(frames, method="truth", probability=2),
-            "probability: must be a number from 0 to 1, got 2",
-        ),
-        (lambda: ws.detections(frames, clutter_per_image=1.0), "must be left out where detections are found in pixels"),
-        (lambda: ws.detections(frames, [3]), "frames: frame 3 of 'sat11' in band 'A' was not rendered"),
-        (lambda: ws.detections(frames, [110.7]), "frames: must be a whole number >= 0, got 110.7"),
-        (lambda: ws.detections(frames, sensors="sat12"), "sensors: must be among sat11, sat27, got 'sat12'"),
-        (lambda: ws.detections(frames, match_px=-1), "match_px: must be a number above 0, got -1"),
-        (lambda: ws.detections("stss"), "scene: must be a Scene or a Scenario, got str"),
-    ]
-    for call, text in cases:
+    for source, options, text in (
+        (frames.scenario, {"method": "sep"}, "method: must be truth of a scene; others need rendered frames, got"),
+        (frames, {"method": "x"}, "method: must be one of truth, matched_filter, sep, photutils, got 'x'"),
+        (frames, {"threshold_sigma": 0}, "threshold_sigma: must be a number above 0, got 0"),
+        (frames, {"method": "truth", "probability": 2}, "probability: must be a number from 0 to 1, got 2"),
+        (frames, {"clutter_per_image": 1.0}, "must be left out where detections are found in pixels"),
+        (frames, {"frames": [3]}, "frames: frame 3 of 'sat11' in band 'A' was not rendered"),
+        (frames, {"frames": [110.7]}, "frames: must be a whole number >= 0, got 110.7"),
+        (frames, {"sensors": "sat12"}, "sensors: must be among sat11, sat27, got 'sat12'"),
+        (frames, {"match_px": -1}, "match_px: must be a number above 0, got -1"),
+        ("stss", {}, "scene: must be a Scene or a Scenario, got str"),
+    ):
         with pytest.raises(ws.InputError) as error:
-            call()
+            ws.detections(source, **options)
         assert text in str(error.value) and "\n" not in str(error.value)
 
 

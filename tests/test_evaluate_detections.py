@@ -80,9 +80,8 @@ def test_assignment_is_the_best_of_all():
     for image in range(12):
         left, right = RNG.uniform(0, 3, (4, 2)), RNG.uniform(0, 3, (4, 2))
         distance = np.linalg.norm(left[:, None] - right, axis=-1)
-        score = ws.evaluate.detections(
-            found_of(np.c_[np.full(4, image), left]), truth_of(np.c_[np.full(4, image), right]), radius_px=1.2
-        )
+        found, truth = found_of(np.c_[np.full(4, image), left]), truth_of(np.c_[np.full(4, image), right])
+        score = ws.evaluate.detections(found, truth, radius_px=1.2)
         taken = score.found["distance_px"][score.found["outcome"] == "target"]
         np.testing.assert_allclose((-len(taken), taken.sum()), best_assignment(distance, 1.2), atol=1e-12)
 
@@ -180,10 +179,8 @@ def test_errors_are_those_that_were_drawn():
     np.testing.assert_allclose(bins["rms_px"], np.sqrt(2) * np.array([0.2, 0.05]), rtol=np.sqrt(2) * DRAWN)
     assert list(bins["n_false"]) == [0, 0] and list(bins["low"]) == [0.0, 10.0]
     found["x_sigma_px"][0] = np.inf  # says nothing, and is left out
-    assert (
-        abs(ws.evaluate.detections(found, truth_of(centre, snr=snr), radius_px=2.0).chi_square - score.chi_square)
-        < 0.01
-    )
+    without = ws.evaluate.detections(found, truth_of(centre, snr=snr), radius_px=2.0)
+    assert abs(without.chi_square - score.chi_square) < 0.01
     assert np.abs(score.bias_px).max() < 5 * 0.2 / np.sqrt(N_DRAW)
 
 
@@ -242,9 +239,8 @@ def test_detections_drawn_from_truth_score_as_they_were_drawn():
     renderer = ws.Renderer(ws.Scene.load("stss"))
     what = {"sensors": ["sat11", "sat27", "sat21"], "bands": ["A"]}
     truth = renderer.truth(range(60, 66), **what)
-    every = ws.evaluate.detections(
-        ws.detections(renderer, range(60, 66), probability=1.0, **what), truth, radius_px=1.5
-    )
+    every = ws.detections(renderer, range(60, 66), probability=1.0, **what)
+    every = ws.evaluate.detections(every, truth, radius_px=1.5)
     assert every.precision == every.recall == 1.0 and every.recall_resolved < 0.6  # the rest merge
     n_alone = int((every.truth["alone"] & (every.truth["outcome"] == "found")).sum())
     assert abs(every.chi_square - 1.0) < 5.0 / np.sqrt(n_alone)
@@ -259,21 +255,12 @@ def test_detections_drawn_from_truth_score_as_they_were_drawn():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda found, truth: found.remove_column("x_px"), "found: must have the column x_px"),
-        (lambda found, truth: truth.remove_column("snr"), "truth: must have the column snr"),
-        (
-            lambda found, truth: found.add_row((7, "eye", "A", 0.0, 0.0)),
-            "found: frame 7 of 'eye' in band 'A' is not in",
-        ),
-        (
-            lambda found, truth: found.add_row((0, "eye", "A", np.nan, 0.0)),
-            "found.x_px: must be finite, got nan in row 1",
-        ),
-        (
-            lambda found, truth: truth.add_row(truth[0]),
-            "truth: must have each target of an image once, got 't0' of rows 0 and 1",
-        ),
-        (lambda found, truth: truth.remove_rows(slice(0, 3)), "truth: must have rows"),
+        (lambda found, _: found.remove_column("x_px"), "found: must have the column x_px"),
+        (lambda _, truth: truth.remove_column("snr"), "truth: must have the column snr"),
+        (lambda found, _: found.add_row((7, "eye", "A", 0.0, 0.0)), "found: frame 7 of 'eye' in band 'A' is not in"),
+        (lambda found, _: found.add_row((0, "eye", "A", np.nan, 0.0)), "found.x_px: must be finite, got nan in row 1"),
+        (lambda _, truth: truth.add_row(truth[0]), "truth: must have each target .* once, got 't0' of rows 0 and 1"),
+        (lambda _, truth: truth.remove_rows(slice(0, 3)), "truth: must have rows"),
     ],
 )
 def test_bad_tables_are_one_line(change, words):

@@ -41,11 +41,14 @@ def table(**bodies):
     return Table(rows=rows, names=names, dtype=[str, str, *[float] * 6])
 
 
-def paths(**bodies):
+def paths(kind=GroundTruthPath, **bodies):
     return {
-        GroundTruthPath([State(vector, timestamp=when) for when, vector in zip(times(), vectors, strict=True)], id=name)
+        kind([State(vector, timestamp=when) for when, vector in zip(times(), vectors, strict=True)], id=name)
         for name, vectors in bodies.items()
     }
+
+
+EARLIER = {GroundTruthPath([State(line(0.0)[0], timestamp=datetime(year, 1, 1)) for year in (2023, 2024)])}
 
 
 def test_perfect_tracks():
@@ -108,10 +111,7 @@ def test_distances_are_those_of_stone_soup():
     rng = np.random.default_rng(3)
     truth = {f"t{k}": line(0.0) + rng.normal(0, 200, (N_TIME, 6)) for k in range(4)}
     found = {f"f{k}": line(0.0) + rng.normal(0, 200, (N_TIME, 6)) for k in range(5)}
-    own = {
-        Track([State(vector, timestamp=when) for when, vector in zip(times(), vectors, strict=True)], id=name)
-        for name, vectors in found.items()
-    }
+    own = paths(Track, **found)
     for order in (1.0, 2.0):
         score = ws.evaluate.tracks(own, paths(**truth), cutoff_m=300.0, order=order)
         again = ws.evaluate.tracks(table(**found), paths(**truth), cutoff_m=300.0, order=order)
@@ -148,14 +148,7 @@ def test_times_that_truth_lacks_are_counted():
         ({"found": {1}}, "found: must be Stone Soup's tracks or paths"),
         ({"mapping": (0, 2, 9), "found": paths(a=line(0.0))}, "must be Stone Soup's tracks or paths"),
         ({"truth": set()}, "truth: must have states of two times or more"),
-        (
-            {
-                "truth": {
-                    GroundTruthPath([State(line(0.0)[0], timestamp=datetime(year, 1, 1)) for year in (2023, 2024)])
-                }
-            },
-            "found: must have a time in common with the truth, got 2025-01-01T14:10:00.000000",
-        ),
+        ({"truth": EARLIER}, "found: must have a time in common with the truth, got 2025-01-01T14:10:00.000000"),
     ],
 )
 def test_bad_input_is_one_line(change, words):

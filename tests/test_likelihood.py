@@ -46,19 +46,16 @@ def test_density_of_a_pixel_is_that_of_a_normal_distribution(name):
     expected = (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h)
     np.testing.assert_allclose(slope[used][1:], expected[used][1:], rtol=1e-7)
     read, by_light = read_light(frames.instrument, "A", light)
-    more = (read_light(frames.instrument, "A", light + h)[0] - read_light(frames.instrument, "A", light - h)[0]) / (
-        2 * h
-    )
-    np.testing.assert_allclose(by_light, more, rtol=1e-8)
+    up, down = (read_light(frames.instrument, "A", light + more)[0] for more in (h, -h))
+    np.testing.assert_allclose(by_light, (up - down) / (2 * h), rtol=1e-8)
     assert used[:3].all() and read.shape == light.shape
 
 
 def test_full_pixels_do_not_count():
     frames = rendered()
     sei = frames.instrument.levels["A"].sei_w_cm2
-    _, slope, used = pixel_likelihood(
-        frames.instrument, "A", np.array([16383, 100, 100]), np.array([0.0, 2 * sei, 0.0])
-    )
+    counts, light = np.array([16383, 100, 100]), np.array([0.0, 2 * sei, 0.0])
+    _, slope, used = pixel_likelihood(frames.instrument, "A", counts, light)
     assert used.tolist() == [False, False, True] and not slope[:2].any()
 
 

@@ -9,19 +9,23 @@ import re
 import socket
 import time
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image
+from waiting import until
 
 import warpsim as ws
 from warpsim.cli import main
 from warpsim.errors import InputError
 from warpsim.labels.boxes import target_boxes
 from warpsim.live import shown_images
-from warpsim.live.access_bars import _Row, _words, access_bars, access_note
+from warpsim.live.access_bars import _words, access_bars, access_note
 from warpsim.live.globe import _end_of_ray
-from warpsim.live.shown_images import FolderImages, RenderedImages, images_of
+from warpsim.live.page import Player, Status
+from warpsim.live.run_images import FolderImages
+from warpsim.live.shown_images import RenderedImages, images_of
 from warpsim.live.sources import images_from
 from warpsim.live.tile import _MERGED, _name, legend_html, png, tile_html
 from warpsim.output.grey import grey
@@ -198,10 +202,10 @@ def test_access_bars_say_who_has_access_now_and_begin_with_those_shown(scene):
 
 
 def test_long_lists_of_access_say_the_one_of_now_or_next():
-    row = _Row("sat1", [(0.0, 100.25), (1200.5, 1300.25), (1400.5, 1500.25)])
+    spans_s = [(0.0, 100.25), (1200.5, 1300.25), (1400.5, 1500.25)]
     for time_s, words in ((50.0, "0 to 100.2 s"), (500.0, "1200 to 1300 s"), (1600.0, "1400 to 1500 s")):
-        assert _words(row, time_s) == f"{words} and 2 more"
-    assert _words(_Row("sat1", row.spans_s[:2]), 50.0) == "0 to 100.2 s, 1200 to 1300 s"
+        assert _words(spans_s, time_s) == f"{words} and 2 more"
+    assert _words(spans_s[:2], 50.0) == "0 to 100.2 s, 1200 to 1300 s"
 
 
 def test_rays_end_on_the_ground_or_in_space():
@@ -231,10 +235,7 @@ def test_the_page_shows_what_it_is_asked_for(renderer):
             ws.view(renderer, port=page.port)
         frames = renderer.render(range(70, 73), SENSORS, ["A", "C"])
         page.offer(frames)
-        deadline = time.monotonic() + 20
-        while page.frame != 72 and time.monotonic() < deadline:
-            time.sleep(0.01)
-        assert page.frame == 72 and page.n_dropped == 2
+        assert until(lambda: page.frame == 72) and page.n_dropped == 2
         np.testing.assert_array_equal([image.counts for image in page.shown], frames.counts.numpy()[2, :, 1])
     with socket.socket() as probe:  # the port is free again
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -322,10 +323,7 @@ def test_a_page_follows_a_server(renderer):
         )
         with server, Follower(page, server.address):
             server.run()
-            deadline = time.monotonic() + 20
-            while page.frame != frames[-1] and time.monotonic() < deadline:
-                time.sleep(0.01)
-        assert page.frame == frames[-1]
+            assert until(lambda: page.frame == frames[-1])
         expected = renderer.render(frames[-1:], SENSORS, "C").counts.numpy()[0, :, 0]
         np.testing.assert_array_equal([image.counts for image in page.shown], expected)
         assert all(image.marks for image in page.shown)
@@ -336,31 +334,21 @@ def test_a_page_follows_a_server(renderer):
 def lives(page, frame):
     """Whether the page shows a frame that it is asked for, by its thread."""
     page._player.ask(frame)
-    deadline = time.monotonic() + 20
-    while page.frame != frame and time.monotonic() < deadline:
-        time.sleep(0.01)
-    return page.frame == frame and page._player.is_alive
-
-
-def until(condition):
-    deadline = time.monotonic() + 20
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    return condition()
+    return until(lambda: page.frame == frame) and page._player._thread.is_alive()
 
 
 @pytest.mark.ci
 def test_the_page_lives_on_after_what_goes_wrong(renderer):
     with ws.view(renderer, port=0, sensors=SENSORS, band="C") as page:
         page._player.ask(10**6)
-        assert until(lambda: page.status.problems.get("frame")) and page.frame < 10**6
-        assert lives(page, 61) and until(lambda: not page.status.problems["frame"])
+        assert until(lambda: page.status.notes.get("frame")) and page.frame < 10**6
+        assert lives(page, 61) and until(lambda: not page.status.notes["frame"])
         page.offer_images(3, lambda band: 1 / 0)
-        assert until(lambda: "division" in page.status.problems["frame"])
+        assert until(lambda: "division" in page.status.notes["frame"])
         page._controls.sensors.value = "nosuch"
-        assert until(lambda: "nosuch" in page.status.problems["sensors"])
+        assert until(lambda: "nosuch" in page.status.notes["sensors"])
         page._controls.sensors.value = "sat27"
-        assert until(lambda: page.sensors == ["sat27"] and not page.status.problems["sensors"])
+        assert until(lambda: page.sensors == ["sat27"] and not page.status.notes["sensors"])
         page._controls.sensors.value = ""
         assert lives(page, 62) and page.shown == []
         with pytest.raises(InputError, match="frame"):
@@ -412,7 +400,7 @@ def test_all_groups_of_a_scene_can_be_looked_at():
         view = page._groups._views[1]
         assert until(lambda: view.root.visible and view._text.text.startswith("about bus; axes"))
         assert not page._globe.root.visible
-        controls.target.value = "bus"
+        controls.curves.target.value = "bus"
         alone = ws.light_curves(renderer.scene, [800.0], ["sat61.narrow"], ["bus"], ["A"]).snr[0, 0, 0, 0]
         assert until(lambda: "bus" in controls.curves._plot.title)
         assert until(lambda: np.nanmax(controls.curves._plot.data[-1]) == pytest.approx(alone, rel=0.05))
@@ -480,3 +468,51 @@ def test_damaged_packets_are_dropped():
         [b"frame/x", b"\0" + packet()[1:]],
     ):
         assert _image_of(message) is None
+
+
+def playing_on(frames, frames_per_s=0.0, fails=()):
+    """A player and its page; frames that fail are not shown."""
+    page = SimpleNamespace(frame=frames[0], frames=list(frames), status=Status(), seen=[])
+
+    def show(frame, images):
+        page.seen.append((frame, images))
+        if frame not in fails:
+            page.frame = frame
+
+    return Player(page, show, lambda: frames_per_s), page
+
+
+def test_what_is_asked_for_is_shown_once_and_failures_are_not_tried_again():
+    player, page = playing_on(range(10), fails=[7])
+    player.start()
+    player.ask(3)
+    assert until(lambda: page.frame == 3)
+    player.ask(7)
+    assert until(lambda: (7, None) in page.seen and player.wanted == 3)
+    player.ask_again()
+    assert until(lambda: len(page.seen) == 3)
+    time.sleep(0.05)
+    assert page.seen == [(3, None), (7, None), (3, None)] and player._thread.is_alive()
+    player.stop()
+    assert not player._thread.is_alive()
+
+
+def test_playing_drops_frames_and_ends_with_the_last():
+    player, page = playing_on(range(100, 200), frames_per_s=2000.0, fails=[199])
+    player.playing = True
+    player.start()
+    assert until(lambda: not player.playing)
+    player.stop()
+    shown = [frame for frame, _ in page.seen]
+    assert shown == sorted(set(shown)) and shown[-1] == page.frame == 199
+    assert page.status.n_dropped == 99 - len(shown)
+
+
+def test_of_what_is_offered_the_last_is_shown():
+    player, page = playing_on(range(10))
+    for frame in (1, 2, 5):
+        player.offer(frame, str(frame))  # stands for the function of the images
+    player.start()
+    assert until(lambda: page.seen)
+    player.stop()
+    assert page.seen == [(5, "5")] and page.status.n_dropped == 2 and player.wanted == 5

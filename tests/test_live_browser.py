@@ -7,11 +7,11 @@ import contextlib
 import io
 import os
 import shutil
-import time
 
 import numpy as np
 import pytest
 from PIL import Image
+from waiting import until
 
 import warpsim as ws
 from warpsim.output.grey import grey
@@ -58,13 +58,6 @@ def greys(tab):
     return [np.asarray(Image.open(io.BytesIO(base64.b64decode(s.partition(",")[2])))) for s in sources]
 
 
-def until(condition, seconds=60):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "it took too long"
-        time.sleep(0.1)
-
-
 def expected(renderer, frame):
     frames = renderer.render([frame], SENSORS, "C")
     return [grey(image, frames.instrument.levels["C"], 1024) for image in frames.counts.numpy()[0, :, 0]]
@@ -80,8 +73,8 @@ def test_a_moved_slider_sends_the_rendered_images_and_nothing_leaves_the_machine
     for frame in (58, 63):
         box.fill(str(frame))
         box.press("Enter")
-        until(lambda frame=frame: f"frame {frame}," in tab.inner_text(".status"))
-        until(lambda frame=frame: equal(greys(tab), expected(renderer, frame)))
+        assert until(lambda frame=frame: f"frame {frame}," in tab.inner_text(".status"))
+        assert until(lambda frame=frame: equal(greys(tab), expected(renderer, frame)))
     assert asked and all(url.startswith((page.url, "data:", "blob:")) for url in asked)
     tab.close()
 
@@ -89,7 +82,7 @@ def test_a_moved_slider_sends_the_rendered_images_and_nothing_leaves_the_machine
 def test_boxes_lie_on_the_light(browser, page, renderer):
     page.show(60)
     tab, _ = opened(browser, page)
-    until(lambda: "frame 60," in tab.inner_text(".status"))
+    assert until(lambda: "frame 60," in tab.inner_text(".status"))
     tile = tab.locator(".tile").first
     image = tile.locator("img").bounding_box()
     alone = ws.light_curves(renderer.scene, [600.0], SENSORS[:1], bands="C")
@@ -107,12 +100,12 @@ def test_boxes_lie_on_the_light(browser, page, renderer):
 def test_the_cursor_tells_counts(browser, page, renderer):
     page.show(60)
     tab, _ = opened(browser, page)
-    until(lambda: "frame 60," in tab.inner_text(".status"))
+    assert until(lambda: "frame 60," in tab.inner_text(".status"))
     image = tab.locator(".tile img").first
     size = image.bounding_box()
     image.hover(position={"x": size["width"] * (40.5 / 128), "y": size["height"] * (30.5 / 128)})
     counts = renderer.render([60], SENSORS[:1], "C").counts.numpy()[0, 0, 0]
-    until(lambda: f"column 40, row 30: {counts[30, 40]} counts" in tab.inner_text(".tile"))
+    assert until(lambda: f"column 40, row 30: {counts[30, 40]} counts" in tab.inner_text(".tile"))
     tab.close()
 
 
@@ -122,10 +115,10 @@ def test_two_clients_see_the_same_and_one_may_leave(browser, page, renderer):
     for frame in (65, 66):
         page.show(frame)
         for tab in (first, second):
-            until(lambda tab=tab, frame=frame: equal(greys(tab), expected(renderer, frame)))
+            assert until(lambda tab=tab, frame=frame: equal(greys(tab), expected(renderer, frame)))
     first.close()
     page.show(67)
-    until(lambda: equal(greys(second), expected(renderer, 67)))
+    assert until(lambda: equal(greys(second), expected(renderer, 67)))
     second.close()
     with contextlib.suppress(Exception):
         first.close()
@@ -139,7 +132,7 @@ def test_a_recording_plays_from_a_file(browser, page, tmp_path):
     tab.goto((tmp_path / "page.html").as_uri())
     tab.wait_for_selector("canvas", timeout=60_000)
     seen = set()
-    until(lambda: len(seen.add(tab.locator("input:visible").first.input_value()) or seen) > 3)  # its clock runs
+    assert until(lambda: len(seen.add(tab.locator("input:visible").first.input_value()) or seen) > 3)  # its clock runs
     assert not errors and all(url.startswith(("file:", "data:", "blob:")) for url in asked)
     tab.close()
 
@@ -179,7 +172,7 @@ def test_typed_numbers_and_chosen_names_change_the_images(browser, renderer, sce
                 field(tab, label).press_sequentially(typed, delay=80)
             changed |= change
             wanted = expected(ws.Renderer(scene.replace(**changed), "cpu"), 60)
-            until(lambda wanted=wanted: equal(greys(tab), wanted))
+            assert until(lambda wanted=wanted: equal(greys(tab), wanted))
             assert "as before" not in tab.inner_text(".status") and field(tab, label).input_value() == typed
         for label, typed, words in (
             ("field of view [deg]", "200", "fov_deg: must be"),
@@ -187,18 +180,18 @@ def test_typed_numbers_and_chosen_names_change_the_images(browser, renderer, sce
         ):
             before = field(tab, label).input_value()
             field(tab, label).fill(typed)
-            until(lambda words=words: words in tab.inner_text(".status"))
+            assert until(lambda words=words: words in tab.inner_text(".status"))
             assert "; the scene is as before" in tab.inner_text(".status") and equal(greys(tab), wanted)
             field(tab, label).fill(before)
-            until(lambda: "as before" not in tab.inner_text(".status"))
+            assert until(lambda: "as before" not in tab.inner_text(".status"))
         tab.close()
 
 
 def test_words_of_the_page_tell_access_main_and_merging_targets(browser, page, renderer):
     page.show(84)
     tab, _ = opened(browser, page)
-    until(lambda: "frame 84," in tab.inner_text(".status"))
-    until(lambda: "no access: lost at 771.6 s, again at 1162 s" in tab.locator(".tile").nth(1).inner_text())
+    assert until(lambda: "frame 84," in tab.inner_text(".status"))
+    assert until(lambda: "no access: lost at 771.6 s, again at 1162 s" in tab.locator(".tile").nth(1).inner_text())
     first = tab.locator(".tile").first
     assert "access until 1422 s" in first.inner_text() and "main target (center)" in tab.inner_text(".legend")
     assert "295 to 771.6 s, 1162 to 1438 s" in tab.text_content(
@@ -223,8 +216,8 @@ def test_any_group_is_chosen_by_its_name(browser):
         for group, middle in (("second", "bus"), ("orbiting", "RB-A"), ("first", "center")):
             if group != field(tab, "group").input_value():
                 choose(tab, "group", group)
-            until(lambda middle=middle: own._groups._views.get(own._controls.chosen_group) is not None)
-            until(lambda middle=middle: f"about {middle}; axes" in shown_group(own)._text.text)
+            assert until(lambda middle=middle: own._groups._views.get(own._controls.chosen_group) is not None)
+            assert until(lambda middle=middle: f"about {middle}; axes" in shown_group(own)._text.text)
             assert shown_group(own).root.visible
         tab.close()
 
@@ -240,15 +233,15 @@ def test_a_client_that_disappears_leaves_the_others_alone(browser, page, rendere
     page.show(60)
     page._controls.speed.value = 50.0
     page._press("play")
-    until(lambda: page.frame > 62)
+    assert until(lambda: page.frame > 62)
     with contextlib.suppress(Exception):
         gone.goto("chrome://crash", timeout=5000)
     at = page.frame
-    until(lambda: page.frame > at + 3)
+    assert until(lambda: page.frame > at + 3)
     page._press("pause")
     page.show(66)
-    until(lambda: equal(greys(stays), expected(renderer, 66)))
-    assert page._player.is_alive and not page.status.problems["frame"]
+    assert until(lambda: equal(greys(stays), expected(renderer, 66)))
+    assert page._player._thread.is_alive() and not page.status.notes["frame"]
     stays.close()
     with contextlib.suppress(Exception):
         gone.close()

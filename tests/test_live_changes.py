@@ -7,10 +7,11 @@ import time
 
 import numpy as np
 import pytest
+from waiting import until
 
 import warpsim as ws
 from warpsim.errors import InputError
-from warpsim.live.changes import changed_scene, changes
+from warpsim.live.scene_controls import changed_scene, changes
 
 SENSORS = ["sat11", "sat27"]
 NUMBER = "sensors__0__"
@@ -19,13 +20,6 @@ NUMBER = "sensors__0__"
 @pytest.fixture(scope="module")
 def renderer(scene):
     return ws.Renderer(scene, "cpu")
-
-
-def until(condition):
-    deadline = time.monotonic() + 60
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    return condition()
 
 
 def labels(scene, kind):
@@ -122,7 +116,7 @@ def test_each_control_renders_its_scene_at_once(renderer, scene):
             assert until(lambda changed=changed: page.scenario.scene.to_dict() == changed.to_dict()), path
             counts = ws.Renderer(changed, "cpu").render([60], SENSORS, "A").counts.numpy()[0, :, 0]
             assert until(lambda counts=counts: np.array_equal([image.counts for image in page.shown], counts)), path
-        assert not page.status.problems["scene"]
+        assert not page.status.notes["scene"]
         assert page._groups._scenario is page.scenario is page._globe.scenario
 
 
@@ -137,14 +131,14 @@ def test_what_the_scene_refuses_is_said_and_the_scene_stays(renderer, scene):
         ):
             own = fields[NUMBER + path].value
             fields[NUMBER + path].value = typed
-            assert until(lambda: page.status.problems.get("scene"))
-            problem = page.status.problems["scene"]
+            assert until(lambda: page.status.notes.get("scene"))
+            problem = page.status.notes["scene"]
             assert words in problem and "\n" not in problem and problem.endswith("; the scene is as before")
             assert until(lambda problem=problem: problem in html.unescape(page._controls.status.content))
             assert page.images is before and page.scenario.scene is scene
             assert fields[NUMBER + path].value == typed  # letters come one by one: nobody writes between them
             fields[NUMBER + path].value = own
-            assert until(lambda: not page.status.problems["scene"])
+            assert until(lambda: not page.status.notes["scene"])
 
 
 def test_letters_of_a_number_are_awaited(renderer):

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import shutil
-import time
 
 import numpy as np
 import pytest
+from waiting import until
 
 import warpsim as ws
 from warpsim.errors import InputError
-from warpsim.live.growing_run import GrowingImages
-from warpsim.live.shown_images import FolderImages
+from warpsim.live.run_images import FolderImages, GrowingImages
 from warpsim.live.sources import images_from
 from warpsim.output.growing import GrowingFiles
 
@@ -83,13 +82,6 @@ def check(images, expected, n_whole):
             assert [image.sensor for image in shown] == [name for name in SENSORS if i < n_whole[name]]
             for image in shown:
                 np.testing.assert_array_equal(image.counts, expected[i, SENSORS.index(image.sensor), j])
-
-
-def until(condition):
-    deadline = time.monotonic() + 20
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    return condition()
 
 
 def test_whole_frames_of_a_killed_run_are_shown_and_no_others(broken, expected):

@@ -61,9 +61,8 @@ def test_satellites_and_targets_stand_where_they_are(globe, scene):
     assert names == {*seen, "center (main)"}
     sights = points(globe, "sights")
     np.testing.assert_allclose(sights[:, 0], wanted, atol=1e-5)
-    np.testing.assert_allclose(
-        sights[:, 1], np.tile(scenario.position_m("center", at) / 1e6, (len(seen), 1)), atol=1e-5
-    )
+    main = np.tile(scenario.position_m("center", at) / 1e6, (len(seen), 1))
+    np.testing.assert_allclose(sights[:, 1], main, atol=1e-5)
 
 
 def test_what_moves_is_moved_and_not_added_again(scene):
@@ -110,20 +109,29 @@ def test_the_earth_turns_and_the_sun_stands_at_noon(globe, scene):
     assert np.degrees(np.arccos(towards @ sun / np.linalg.norm(towards) / np.linalg.norm(sun))) < 0.02
 
 
-def test_bodies_stand_and_turn_as_in_the_scenario(scene):
-    scenario, at, recorded = scene.scenario, np.array([TIME_S]), Recorded()
-    GroupView(recorded, scenario).show(TIME_S)
-    position_m, velocity_m_s = scenario.tracks.target_state(0, at)
+def shown_group(scenario, group):
+    """Nodes of a group as it is shown; its bodies stand and turn as in the scenario, about the first of them."""
+    at, recorded = np.array([TIME_S]), Recorded()
+    GroupView(recorded, scenario, group).show(TIME_S)
+    members = [number for number, target in enumerate(scenario.targets) if target.group == group]
+    names = [scenario.target_names[number] for number in members]
+    position_m, velocity_m_s = scenario.tracks.target_state(members[0], at)
     radial, along, cross = local_frame(position_m[0], velocity_m_s[0])
     local = np.stack([along, cross, radial])
-    offsets = np.array([local @ (scenario.position_m(name, at)[0] - position_m[0]) for name in scenario.target_names])
-    bodies = [recorded.nodes[f"/group0/body{number}"] for number in range(30)]
+    offsets = np.array([local @ (scenario.position_m(name, at)[0] - position_m[0]) for name in names])
+    bodies = [recorded.nodes[f"/group{group}/body{number}"] for number in members]
+    assert len([path for path in recorded.nodes if re.fullmatch(r".*/body\d+", path)]) == len(members)
     scale = EXTENT / np.abs(offsets).max()
     np.testing.assert_allclose([body.position for body in bodies], scale * offsets, atol=1e-6)
-    for name, body in zip(scenario.target_names, bodies, strict=True):
+    for name, body in zip(names, bodies, strict=True):
         axis = local @ scenario.body_axis(name, at)[0]
         np.testing.assert_allclose(rotation_of(body).apply([0, 0, 1]), axis, atol=1e-9)
         assert body.visible
+    return recorded.nodes, names
+
+
+def test_bodies_stand_and_turn_as_in_the_scenario(scene):
+    assert len(shown_group(scene.scenario, 0)[1]) == 30
 
 
 def test_absent_bodies_are_hidden(scene):
@@ -144,26 +152,11 @@ def three_groups():
 
 @pytest.mark.parametrize(("group", "middle"), [(0, "center"), (1, "bus"), (2, "RB-A")])
 def test_every_group_stands_about_its_first_target(three_groups, group, middle):
-    at, recorded = np.array([TIME_S]), Recorded()
-    view = GroupView(recorded, three_groups, group)
-    view.show(TIME_S)
-    members = [number for number, target in enumerate(three_groups.targets) if target.group == group]
-    names = [three_groups.target_names[number] for number in members]
+    nodes, names = shown_group(three_groups, group)
     assert names[0] == middle
-    position_m, velocity_m_s = three_groups.tracks.target_state(members[0], at)
-    radial, along, cross = local_frame(position_m[0], velocity_m_s[0])
-    local = np.stack([along, cross, radial])
-    offsets = np.array([local @ (three_groups.position_m(name, at)[0] - position_m[0]) for name in names])
-    bodies = [recorded.nodes[f"/group{group}/body{number}"] for number in members]
-    assert len([path for path in recorded.nodes if re.fullmatch(r".*/body\d+", path)]) == len(members)
-    scale = EXTENT / np.abs(offsets).max()
-    np.testing.assert_allclose([body.position for body in bodies], scale * offsets, atol=1e-6)
-    for name, body in zip(names, bodies, strict=True):
-        axis = local @ three_groups.body_axis(name, at)[0]
-        np.testing.assert_allclose(rotation_of(body).apply([0, 0, 1]), axis, atol=1e-9)
-    labels = {node.args[0] for path, node in recorded.nodes.items() if path.endswith("/name")}
+    labels = {node.args[0] for path, node in nodes.items() if path.endswith("/name")}
     assert labels == {f"{middle} (main)" if group < 2 else middle, *names[1:]}
-    words = recorded.nodes[f"/group{group}/scale"].text
+    words = nodes[f"/group{group}/scale"].text
     assert words.startswith(f"about {middle}; axes ")
     assert f" {'km' if group == 2 else 'm'}: along-track" in words
 

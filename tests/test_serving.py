@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 import uuid
 from pathlib import Path
 
@@ -20,6 +19,7 @@ import pytest
 from astropy.time import Time, TimeDelta
 from command_line import refused
 from scipy.spatial.transform import Rotation
+from waiting import until
 
 import warpsim as ws
 from warpsim.serving.packet import HEADER
@@ -32,6 +32,7 @@ ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples" / "serve"
 SENSORS, BANDS, N_FRAME = ["sat11", "sat27"], ["A", "C"], 12
 PATIENCE_S = 30.0
+ABOUT = b'{"scene": "x", "rate_hz": 1, "sensors": [], "bands": []}'
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +80,18 @@ def received(socket, n_packet, is_any=False):
         n_packet -= is_any or messages[-1][0] != b"scene"
     socket.close()
     return messages
+
+
+def replied(address, *requests):
+    """Replies to requests, one after the other."""
+    replies = []
+    with zmq.Context.instance().socket(zmq.REQ) as socket:
+        socket.connect(address)
+        for request in requests:
+            socket.send_multipart(request)
+            assert socket.poll(1000 * PATIENCE_S)
+            replies.append(json.loads(socket.recv()))
+    return replies
 
 
 def counts_of(packet):
@@ -148,7 +161,7 @@ def test_readers_of_the_ring_get_the_bits_of_render(language, renderer, rendered
         else:
             command = [sys.executable, EXAMPLES / "subscriber.py", server.ring, "--out", out, "--timeout", "60"]
         child = started(command)
-        await_true(lambda: ring in Path(f"/proc/{child.pid}/maps").read_text())  # it has all from the first packet on
+        assert until(lambda: ring in Path(f"/proc/{child.pid}/maps").read_text())  # it has all from the first packet on
         server.run()
     lines, errors = child.communicate(timeout=PATIENCE_S)
     assert child.returncode == 0, errors
@@ -185,7 +198,7 @@ def test_the_c_reader_ends_when_its_server_was_killed(c_reader, ring, checkout_e
     try:
         assert server.stdout.readline() == "ready\n"
         child = started([c_reader, f"/dev/shm/{ring}"])
-        await_true(lambda: ring in Path(f"/proc/{child.pid}/maps").read_text())
+        assert until(lambda: ring in Path(f"/proc/{child.pid}/maps").read_text())
     finally:
         server.kill()
     lines, errors = child.communicate(timeout=PATIENCE_S)
@@ -195,20 +208,13 @@ def test_the_c_reader_ends_when_its_server_was_killed(c_reader, ring, checkout_e
 
 
 def test_the_python_reader_ends_at_ctrl_c(ring, tmp_path):
-    writer = RingWriter(ring, 8, 384, b'{"scene": "x", "rate_hz": 1, "sensors": [], "bands": []}')
+    writer = RingWriter(ring, 8, 384, ABOUT)
     command = [sys.executable, EXAMPLES / "subscriber.py", writer.path, "--timeout", "600", "--out", tmp_path / "out"]
     child = started(command, preexec_fn=_with_interrupts)
     assert child.stderr.readline() == "x at 1 Hz: ; bands \n"
     child.send_signal(signal.SIGINT)
     assert child.communicate(timeout=PATIENCE_S) == ("", "") and child.returncode == 0
     writer.close()
-
-
-def await_true(condition):
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
 
 
 def test_the_layout_is_that_of_the_c_header_and_of_the_page():
@@ -225,10 +231,7 @@ def test_the_layout_is_that_of_the_c_header_and_of_the_page():
 def test_a_reader_knows_when_it_was_overtaken(ring, reader, capsys):
     """Packets that were overwritten are counted, those handed over are whole, and in order."""
     size = 4096
-    writer, packet = (
-        RingWriter(ring, 8, size, b'{"scene": "x", "rate_hz": 1, "sensors": [], "bands": []}'),
-        np.empty(size, np.uint8),
-    )
+    writer, packet = RingWriter(ring, 8, size, ABOUT), np.empty(size, np.uint8)
 
     def write(numbers):
         for number in numbers:
@@ -249,7 +252,7 @@ def test_a_reader_knows_when_it_was_overtaken(ring, reader, capsys):
 
 def test_readers_never_take_a_packet_that_is_half_written(ring, reader):
     """A writer as fast as it can be, without a pause, beside a reader."""
-    writer, size = RingWriter(ring, 4, 2**16, b'{"scene": "x", "rate_hz": 1, "sensors": [], "bands": []}'), 2**16
+    writer, size = RingWriter(ring, 4, 2**16, ABOUT), 2**16
     ended = threading.Event()
 
     def write():
@@ -350,7 +353,7 @@ def test_a_loop_goes_on_until_it_is_stopped(renderer, rendered, reader, ring):
     ) as server:
 
         def stop():
-            await_true(lambda: server.n_packet > 20)
+            assert until(lambda: server.n_packet > 20)
             server.stop()
 
         threading.Thread(target=stop).start()
@@ -370,19 +373,10 @@ def test_sensors_are_pointed_over_a_socket(renderer, reader):
         everything = subscribed(server.address, "frame/")
 
         def ask():
-            with zmq.Context.instance().socket(zmq.REQ) as socket:
-                socket.connect(server.control)
-                for request in (
-                    [b"{"],
-                    [b'{"sensor": "sat99", "track": "main"}'],
-                    [b"[" * 100_000],
-                    [b"{}", b"more"],
-                    [b'{"sensor": "sat27", "ra_dec_deg": [10, 20]}'],
-                ):
-                    socket.send_multipart(request)
-                    replies.append(json.loads(socket.recv()))
+            pointed = [b'{"sensor": "sat99", "track": "main"}'], [b'{"sensor": "sat27", "ra_dec_deg": [10, 20]}']
+            replies.extend(replied(server.control, [b"{"], pointed[0], [b"[" * 100_000], [b"{}", b"more"], pointed[1]))
             n_packet = server.n_packet
-            await_true(lambda: server.n_packet > n_packet + 2 * 40)  # the pass is over
+            assert until(lambda: server.n_packet > n_packet + 2 * 40)  # the pass is over
             server.stop()
 
         asking = threading.Thread(target=ask)
@@ -414,13 +408,7 @@ def test_whatever_a_command_comes_upon_is_replied():
 
     socket = CommandSocket("tcp://127.0.0.1:*", send)
     try:
-        with zmq.Context.instance().socket(zmq.REQ) as asking:
-            asking.connect(socket.address)
-            replies = []
-            for request in (b"1", b"2"):
-                asking.send(request)
-                assert asking.poll(1000 * PATIENCE_S)
-                replies.append(json.loads(asking.recv()))
+        replies = replied(socket.address, [b"1"], [b"2"])
     finally:
         socket.close()
     assert replies[0]["error"].startswith("command: failed: KeyError: ") and replies[1] == {"applied": []}
@@ -432,7 +420,7 @@ def test_subscribers_are_attended_to_and_stop_is_heard_between_frames(renderer):
     with ws.FrameServer(renderer, range(3), SENSORS, ["A"], **options) as server:
         running = threading.Thread(target=server.run)
         running.start()
-        await_true(lambda: server.n_packet == 2)
+        assert until(lambda: server.n_packet == 2)
         topics = [received(subscribed(server.address, "scene"), 1, is_any=True)[0][0] for _ in range(2)]
         server.stop()
         running.join(PATIENCE_S)
@@ -543,7 +531,7 @@ def test_the_command_serves_until_it_is_interrupted(how, ring, checkout_environm
     try:
         assert child.stdout.readline() == f"serving stss: ring /dev/shm/{ring}\n"
         path = Path(f"/dev/shm/{ring}")
-        await_true(lambda: path.read_bytes()[64:72] > (20).to_bytes(8, "little"))
+        assert until(lambda: path.read_bytes()[64:72] > (20).to_bytes(8, "little"))
         child.send_signal(how)
         out, errors = child.communicate(timeout=PATIENCE_S)
     finally:

@@ -315,13 +315,8 @@ def test_a_program_ends_in_the_middle_of_a_stream(how, tmp_path, checkout_enviro
     """By Ctrl-C while it waits for a frame or works on one, or because it is through."""
     script = tmp_path / "program.py"
     script.write_text(PROGRAM)
-    child = subprocess.Popen(
-        [sys.executable, str(script), how],
-        env=checkout_environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    child = subprocess.Popen([sys.executable, str(script), how], env=checkout_environment, **pipes)
     try:
         while (line := child.stdout.readline()) and "started" not in line:
             pass

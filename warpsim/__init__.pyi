@@ -48,7 +48,7 @@ from warpsim.speed.work import measure_fps as measure_fps
 from warpsim.measure.detections import detections as detections
 from warpsim.measure.photometry import photometry as photometry
 from warpsim.measure.triangulation import triangulate as triangulate
-from warpsim.measure.earth_fixed import earth_fixed as earth_fixed
+from warpsim.measure.paths import earth_fixed as earth_fixed
 from warpsim.measure.triangulation import Triangulation as Triangulation
 
 # image_gradients

@@ -16,8 +16,7 @@ from warpsim.background.sky_plates import SkyMap, SkyPlate, sky_cube
 from warpsim.config.fields import FUNCTION
 from warpsim.errors import InputError, errors_at, one_line
 from warpsim.radiometry.band import Band
-from warpsim.tables.fits_file import is_image, open_fits
-from warpsim.tables.npy_file import npy_array
+from warpsim.tables.checked_files import is_image, npy_array, open_fits
 
 Array = NDArray[np.float64]
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import html
+import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from warpsim.plot.figure import plain
 from warpsim.scene.scenario import Scenario
@@ -17,21 +17,18 @@ _MOST_LETTERS = 30  # of words beside a bar
 _NOW, _LIT, _DIM, _TEXT = "#ff6b4a", "#009e73", "#35584d", "#bbb"
 
 
-class _Row(NamedTuple):
-    sensor: str
-    spans_s: list[tuple[float, float]]
+Spans = list[tuple[float, float]]
 
 
-def _rows(scenario: Scenario, shown: Sequence[str]) -> list[_Row]:
-    """Sensors that ever have access, the shown ones first."""
-    rows = []
+def _spans_s(scenario: Scenario, shown: Sequence[str]) -> dict[str, Spans]:
+    """When sensors have access, of those that ever have it, the shown ones first."""
+    spans_s: dict[str, Spans] = {}
     for instrument in scenario.instruments.values():
         access = instrument.access
-        for row in sorted(set(access.row.tolist())):
-            own = access.row == row
-            spans_s = list(zip(access.start_s[own].tolist(), access.end_s[own].tolist(), strict=True))
-            rows.append(_Row(instrument.names[row], spans_s))
-    return sorted(rows, key=lambda row: row.sensor not in shown)
+        columns = access.row.tolist(), access.start_s.tolist(), access.end_s.tolist()
+        for row, start_s, end_s in sorted(zip(*columns, strict=True)):
+            spans_s.setdefault(instrument.names[row], []).append((start_s, end_s))
+    return dict(sorted(spans_s.items(), key=lambda item: item[0] not in shown))
 
 
 def access_bars(scenario: Scenario, time_s: float, shown: Sequence[str] = ()) -> str:
@@ -42,16 +39,18 @@ def access_bars(scenario: Scenario, time_s: float, shown: Sequence[str] = ()) ->
         time_s: The instant [s after the epoch].
         shown: Sensors whose images are shown; they come first, in white.
     """
-    duration_s, all_rows = scenario.scene.duration_s, _rows(scenario, shown)
-    rows = all_rows[:MOST_ROWS]
-    height = (_HEIGHT + _GAP) * len(rows)
-    parts = [part for number, row in enumerate(rows) for part in _drawn(row, number, time_s, duration_s, shown)]
+    duration_s, spans_s = scenario.scene.duration_s, _spans_s(scenario, shown)
+    n_row = min(len(spans_s), MOST_ROWS)
+    height = (_HEIGHT + _GAP) * n_row
+    parts: list[str] = []
+    for number, (sensor, own) in enumerate(itertools.islice(spans_s.items(), n_row)):
+        parts += _drawn(sensor, own, number, time_s, duration_s, sensor in shown)
     x = _LEFT + _WIDTH * time_s / duration_s
     parts.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="0" y2="{height}" stroke="{_NOW}" stroke-width="2"/>')
     for at, anchor, word in ((_LEFT, "middle", "0"), (_LEFT + _WIDTH, "middle", plain(duration_s, 4))):
         parts.append(f'<text x="{at}" y="{height + 9}" text-anchor="{anchor}" fill="#888">{word}</text>')
-    n_now = sum(start <= time_s <= end for row in all_rows for start, end in row.spans_s)
-    n_more, n_never = len(all_rows) - len(rows), len(scenario.sensor_names) - len(all_rows)
+    n_now = sum(start <= time_s <= end for own in spans_s.values() for start, end in own)
+    n_more, n_never = len(spans_s) - n_row, len(scenario.sensor_names) - len(spans_s)
     notes = [f"{n_more} more not drawn"] if n_more else []
     notes += [f"{n_never} of {len(scenario.sensor_names)} sensors never have access"] if n_never else []
     return (
@@ -62,19 +61,17 @@ def access_bars(scenario: Scenario, time_s: float, shown: Sequence[str] = ()) ->
     )
 
 
-def _drawn(row: _Row, number: int, time_s: float, duration_s: float, shown: Sequence[str]) -> list[str]:
+def _drawn(sensor: str, spans_s: Spans, number: int, time_s: float, duration_s: float, is_shown: bool) -> list[str]:
     """Name, bars and words of a sensor, as SVG."""
-    y = number * (_HEIGHT + _GAP)
-    now = any(start <= time_s <= end for start, end in row.spans_s)
-    colour = "#fff" if row.sensor in shown else _TEXT
-    name = html.escape(row.sensor)
-    parts = [f'<text x="{_LEFT - 6}" y="{y + 9}" text-anchor="end" fill="{colour}">{name}</text>']
-    for start, end in row.spans_s:
+    y, colour = number * (_HEIGHT + _GAP), "#fff" if is_shown else _TEXT
+    now = any(start <= time_s <= end for start, end in spans_s)
+    parts = [f'<text x="{_LEFT - 6}" y="{y + 9}" text-anchor="end" fill="{colour}">{html.escape(sensor)}</text>']
+    for start, end in spans_s:
         x, width = _LEFT + _WIDTH * start / duration_s, max(_WIDTH * (end - start) / duration_s, 1.0)
         fill = _LIT if now else _DIM
         parts.append(f'<rect x="{x:.1f}" y="{y}" width="{width:.1f}" height="{_HEIGHT}" fill="{fill}"/>')
-    words, shade = _words(row, time_s), colour if now else "#888"
-    whole = ", ".join(_span(*span) for span in row.spans_s)
+    words, shade = _words(spans_s, time_s), colour if now else "#888"
+    whole = ", ".join(_span(*span) for span in spans_s)
     parts.append(f'<text x="{_LEFT + _WIDTH + 6}" y="{y + 9}" fill="{shade}">{words}<title>{whole}</title></text>')
     return parts
 
@@ -83,13 +80,13 @@ def _span(start_s: float, end_s: float) -> str:
     return f"{plain(start_s, 4)} to {plain(end_s, 4)} s"
 
 
-def _words(row: _Row, time_s: float) -> str:
+def _words(spans_s: Spans, time_s: float) -> str:
     """When a sensor has access; where that does not fit, the time of now or next."""
-    words = ", ".join(_span(*span) for span in row.spans_s)
+    words = ", ".join(_span(*span) for span in spans_s)
     if len(words) <= _MOST_LETTERS:
         return words
-    coming = [span for span in row.spans_s if span[1] >= time_s] or row.spans_s[-1:]
-    return f"{_span(*coming[0])} and {len(row.spans_s) - 1} more"
+    coming = [span for span in spans_s if span[1] >= time_s] or spans_s[-1:]
+    return f"{_span(*coming[0])} and {len(spans_s) - 1} more"
 
 
 def access_note(scenario: Scenario, sensor: str, time_s: float) -> tuple[str, bool]:

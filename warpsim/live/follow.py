@@ -54,7 +54,7 @@ class Follower:
         last_s = time.monotonic()
         while not self._stop.is_set():
             if not self._socket.poll(_POLL_MS):
-                self._page.note_of_source(_SILENT if time.monotonic() - last_s > _SILENT_S else "")
+                self._page.note("source", _SILENT if time.monotonic() - last_s > _SILENT_S else "")
                 continue
             found = _image_of(self._socket.recv_multipart())
             if found is None:
@@ -91,17 +91,14 @@ class Follower:
 
         self._page.offer_images(frame, shown)
 
-    def close(self) -> None:
-        """Leave the server."""
-        self._stop.set()
-        self._thread.join()
-        self._socket.close(0)
-
     def __enter__(self) -> Follower:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        """Leave the server."""
+        self._stop.set()
+        self._thread.join()
+        self._socket.close(0)
 
 
 def _image_of(message: list[bytes]) -> tuple[Any, tuple[str, str], Any] | None:

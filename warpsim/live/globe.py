@@ -11,12 +11,14 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
+from warpsim.directions import normalised
 from warpsim.exchange.geodetic import geodetic_to_itrs_m
 from warpsim.orbit.earth import itrs_to_gcrs
 from warpsim.orbit.sun import earth_states
 from warpsim.orbit.track import TrackStack
 from warpsim.plot.coastlines import coastlines_deg
 from warpsim.plot.figure import observed_targets, target_kinds
+from warpsim.quaternion import from_matrix
 from warpsim.scene.scenario import Scenario
 
 F64 = NDArray[np.float64]
@@ -194,9 +196,13 @@ def rgb(colour: str) -> tuple[int, int, int]:
     return round(255 * red), round(255 * green), round(255 * blue)
 
 
-def quaternion_wxyz(rotation: F64) -> tuple[float, float, float, float]:
+def quaternion_wxyz(rotation: F64) -> tuple[float, ...]:
     """Quaternion of a rotation matrix (3, 3), scalar first."""
-    from scipy.spatial.transform import Rotation
+    return tuple(np.roll(from_matrix(rotation), 1).tolist())
 
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
-    return float(w), float(x), float(y), float(z)
+
+def camera_of_earth(scenario: Scenario) -> tuple[float, ...]:
+    """Return where the page's camera stands at first: above the first target, or satellite."""
+    middle = np.array([0.5 * scenario.scene.duration_s])
+    body = (scenario.target_names or scenario.satellite_names)[0]
+    return tuple((26.0 * normalised(scenario.position_m(body, middle)[0])).tolist())

@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.live.globe import quaternion_wxyz, rgb
-from warpsim.live.shown_images import is_main
-from warpsim.plot.figure import plain, target_kinds
-from warpsim.plot.group_figure import drawn_facets, group_offsets_m, local_frame
+from warpsim.plot.figure import TargetKind, plain, target_kinds
+from warpsim.plot.group_figure import body_to_gcrs, drawn_facets, group_offsets_m, local_frame
 from warpsim.scene.scenario import Scenario
 
 F64 = NDArray[np.float64]
 
 ROOT = "/group"
+CAMERA_OF_GROUP = (-7.0, -10.0, 5.0)
+"""Where the page's camera stands: behind and above it."""
 EXTENT = 6.0
 """Of the farthest target from the middle, in the page's units: the page zooms about as far as with the Earth."""
 
@@ -71,39 +72,34 @@ class GroupView:
     def __init__(self, scene: Any, scenario: Scenario, group: int = 0) -> None:
         self._scene, self.scenario, self._path = scene, scenario, f"{ROOT}{group}"
         self.root = scene.add_frame(self._path, show_axes=True, axes_length=1.0, axes_radius=0.01, visible=False)
-        self._bodies: dict[int, Any] = {}
-        self._targets: list[int] = []
         kinds = [kind for kind in target_kinds(scenario) if kind.group == group]
-        self._n_all = sum(len(kind.targets) for kind in kinds)
-        for kind in kinds:
-            for target in kind.targets[: _MOST_BODIES - len(self._targets)]:
-                self._targets.append(target)
-                self._bodies[target] = self._body(target, kind.colour)
+        members = [(target, kind) for kind in kinds for target in kind.targets]
+        self._n_all = len(members)
+        self._bodies = {target: self._body(target, kind) for target, kind in members[:_MOST_BODIES]}
         self._text = scene.add_label(f"{self._path}/scale", "", position=(0.0, 0.0, -EXTENT), anchor="top-center")
 
-    def _body(self, target: int, colour: str) -> Any:
+    def _body(self, target: int, kind: TargetKind) -> Any:
         import trimesh
 
         facets = drawn_facets(self.scenario.targets[target].spec.shape)
         corners = (_BODY * facets).reshape(-1, 3)
         first = 4 * np.arange(len(facets))
         faces = np.concatenate([np.stack([first, first + 1, first + 2], 1), np.stack([first, first + 2, first + 3], 1)])
-        azimuth = np.arctan2(facets.mean(axis=1)[:, 1], facets.mean(axis=1)[:, 0])
-        shade = np.where((azimuth > 0) & (azimuth < np.pi / 2), _DARK, 1.0)
-        colours = np.concatenate([np.array(rgb(colour)) * shade[:, None], np.full((len(facets), 1), 255.0)], axis=1)
+        x, y, _ = facets.mean(axis=1).T
+        colours = np.array(rgb(kind.colour)) * np.where((x > 0) & (y > 0), _DARK, 1.0)[:, None]
         mesh = trimesh.Trimesh(corners, faces, process=False)
         mesh.visual.vertex_colors = np.repeat(colours, 4, axis=0).astype(np.uint8)
-        name, main = self.scenario.target_names[target], is_main(self.scenario, target)
         body = self._scene.add_mesh_trimesh(f"{self._path}/body{target}", mesh, visible=False)
-        if main or self._n_all <= _MOST_NAMES:
-            label, size = (f"{name} (main)", 1.0) if main else (name, 0.8)
+        if kind.is_main or self._n_all <= _MOST_NAMES:
+            name = self.scenario.target_names[target]
+            label, size = (f"{name} (main)", 1.0) if kind.is_main else (name, 0.8)
             self._scene.add_label(f"{self._path}/body{target}/name", label, font_screen_scale=size)
         return body
 
     def show(self, time_s: float) -> None:
         """Move the bodies to an instant [s after the epoch]; hide those that are absent."""
         scenario, at = self.scenario, np.array([time_s])
-        there = [target for target in self._targets if bool(scenario.tracks.exist(target, np.array(time_s)))]
+        there = [target for target in self._bodies if scenario.tracks.exist(target, np.array(time_s))]
         for target, body in self._bodies.items():
             body.visible = target in there
         if not there:
@@ -116,20 +112,9 @@ class GroupView:
         for target, offset in zip(there, offset_m, strict=True):
             body = self._bodies[target]
             body.position = tuple(EXTENT * offset / extent_m)
-            body.wxyz = quaternion_wxyz(to_local @ _body_axes(scenario, target, at))
-        self._text.text = self._words(scenario.target_names[there[0]], extent_m / EXTENT)
-
-    def _words(self, middle: str, axis_m: float) -> str:
-        """What stands below the group."""
+            body.wxyz = quaternion_wxyz(to_local @ body_to_gcrs(scenario, scenario.target_names[target], time_s)[0])
+        axis_m, n_drawn = extent_m / EXTENT, len(self._bodies)
         length = f"{plain(axis_m, 3)} m" if axis_m < 1000 else f"{plain(axis_m / 1000, 3)} km"
-        words = f"about {middle}; axes {length}: along-track, cross-track, radial (red, green, blue)"
-        n_drawn = len(self._targets)
-        return words if n_drawn == self._n_all else f"{words}; {n_drawn} of {self._n_all:,} targets"
-
-
-def _body_axes(scenario: Scenario, target: int, at: F64) -> F64:
-    """Columns: the body's axes in GCRS axes."""
-    from scipy.spatial.transform import Rotation
-
-    quaternion = scenario.attitude_quaternion(scenario.target_names[target], at)[0]
-    return np.asarray(Rotation.from_quat(quaternion).as_matrix())
+        more = "" if n_drawn == self._n_all else f"; {n_drawn} of {self._n_all:,} targets"
+        middle = f"about {scenario.target_names[there[0]]}; axes {length}"
+        self._text.text = f"{middle}: along-track, cross-track, radial (red, green, blue){more}"

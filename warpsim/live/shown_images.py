@@ -1,28 +1,21 @@
-"""What a page shows of a frame: images with their truth, rendered on demand or read back from the folder of a run."""
+"""What a page shows of a frame: images with their truth, from wherever they come; those rendered on demand."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from warpsim.detector.levels import Levels
-from warpsim.errors import InputError
-from warpsim.files import read_json
-from warpsim.labels.boxes import target_boxes
-from warpsim.output.checkpoints import is_record
+from warpsim.labels.boxes import Boxes, target_boxes
 from warpsim.output.grey import window_about
-from warpsim.output.output_folder import MANIFEST
+from warpsim.plot.figure import target_kinds
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 from warpsim.scene.scenario import Scenario
-from warpsim.scene.scene import Scene
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -119,110 +112,42 @@ class RenderedImages:
         return sorted(shown, key=lambda image: sensors.index(image.sensor))
 
 
-def is_main(scenario: Scenario, target: int) -> bool:
-    """Return whether a target, by its number, is the main one of its group, which the others leave."""
-    known = scenario.targets[target]
-    return known.entry == 0 and scenario.scene.groups[known.group].orbits is None
-
-
-def main_targets(scenario: Scenario) -> set[str]:
-    """Return the names of the main targets of all groups."""
-    return {name for number, name in enumerate(scenario.target_names) if is_main(scenario, number)}
+def main_targets(scenario: Scenario) -> list[str]:
+    """Return the names of the main targets of all groups, which the others leave."""
+    names = scenario.target_names
+    return [names[target] for kind in target_kinds(scenario) if kind.is_main for target in kind.targets]
 
 
 def images_of(frames: FrameSet, index: int, band: str) -> list[ShownImage]:
     """Return the images of one of some rendered frames in a band, sensor by sensor."""
     frames = frames.one_frame(index)
-    counts = np.asarray(frames.counts)[0][:, frames.bands.index(band)]
-    names = frames.scenario.target_names
-    shape = (len(frames.sensors), len(frames.bands), len(names))
-    boxes = target_boxes(frames, LEAST_BOX_PX)
-    b = frames.bands.index(band)
-    visible, box_px = boxes.visible.reshape(shape)[:, b], boxes.box_px.reshape(*shape, 4)[:, b]
-    truth = {name: np.asarray(frames.truth[name]).reshape(shape)[:, b] for name in ("x_px", "y_px", "snr", "clump_id")}
-
-    def marks(sensor: int) -> list[Mark]:
-        return [
-            Mark(
-                names[target],
-                float(truth["x_px"][sensor, target]),
-                float(truth["y_px"][sensor, target]),
-                tuple(box_px[sensor, target].tolist()),
-                float(truth["snr"][sensor, target]),
-                int(truth["clump_id"][sensor, target]),
-                is_main(frames.scenario, int(target)),
-            )
-            for target in np.flatnonzero(visible[sensor])
-        ]
-
-    levels = frames.instrument.levels[band]
-    return [ShownImage(name, band, counts[i], levels, marks(i)) for i, name in enumerate(frames.sensors)]
+    counts, levels = np.asarray(frames.counts)[0][:, frames.bands.index(band)], frames.instrument.levels[band]
+    marks = marks_of(frames.truth, main_targets(frames.scenario), target_boxes(frames, LEAST_BOX_PX))
+    keys = [(frames.frames[0], sensor, band) for sensor in frames.sensors]
+    return [ShownImage(key[1], band, counts[i], levels, marks.get(key, [])) for i, key in enumerate(keys)]
 
 
-class FolderImages:
-    """Images of a finished run, read back; nothing is rendered.
-
-    Args:
-        folder: As `warpsim render` left it, with FITS cubes and truth.
-
-    Raises:
-        InputError: It holds no complete run, or one in another format.
-    """
-
-    def __init__(self, folder: str | os.PathLike[str]) -> None:
-        self.folder = Path(folder)
-        from astropy.table import Table
-
-        manifest = read_json(self.folder / MANIFEST)
-        if not is_record(manifest) or "scene" not in manifest or "frames" not in manifest:
-            raise InputError("holds no complete run, which has a manifest with a scene").of(folder)
-        if "fits" not in manifest["formats"]:
-            raise InputError("must have fits to be shown", "formats", " ".join(manifest["formats"])).of(folder)
-        self.scenario = Scene.from_dict(manifest["scene"], str(self.folder / MANIFEST)).scenario
-        self._frames: dict[str, list[int]] = {name: list(numbers) for name, numbers in manifest["frames"].items()}
-        self._bands: dict[str, list[str]] = manifest["bands_of"]
-        self.sensors = [name for name, numbers in self._frames.items() if numbers]
-        with_truth = "truth" in manifest["tables"]
-        truth = Table.read(self.folder / "truth.fits") if with_truth else None
-        self._marks = {} if truth is None else marks_of(truth, main_targets(self.scenario))
-
-    def frames(self, sensor: str) -> Sequence[int]:
-        """Numbers of the frames that a sensor has images of."""
-        return self._frames.get(sensor, [])
-
-    def at(self, frame: int, sensors: Sequence[str], band: str | None) -> list[ShownImage]:
-        """Images of a frame in a band (None: the first of each sensor), of the sensors that have both."""
-        from astropy.io import fits
-
-        shown = []
-        for sensor in sensors:
-            own = self._bands.get(sensor, [""])[0] if band is None else band
-            if frame not in self.frames(sensor) or own not in self._bands[sensor]:
-                continue
-            with fits.open(self.folder / f"{sensor}_{own}.fits", do_not_scale_image_data=True) as file:
-                plane = file[0].section[self._frames[sensor].index(frame)]
-                zero = int(file[0].header.get("BZERO", 0))
-            counts = (plane.astype(np.int32) + zero).astype(np.uint16)
-            levels = self.scenario.instrument_of(sensor).levels[own]
-            shown.append(ShownImage(sensor, own, counts, levels, self._marks.get((frame, sensor, own), [])))
-        return shown
-
-
-def marks_of(table: Table, mains: AbstractSet[str]) -> dict[tuple[int, str, str], list[Mark]]:
-    """Targets with light by frame, sensor and band, from a table of truth; boxes stand about the middle of a path.
+def marks_of(table: Table, mains: Sequence[str], boxes: Boxes | None = None) -> dict[tuple[int, str, str], list[Mark]]:
+    """Targets with light by frame, sensor and band, from a table of truth.
 
     Args:
         table: Truth.
         mains: Names of the main targets.
+        boxes: Of its rows; those about the middles of paths when left out.
     """
-    lit = np.asarray(table["in_fov"]) & (np.asarray(table["irradiance_w_cm2"]) != 0.0)
+    if boxes is None:
+        visible = np.asarray(table["in_fov"]) & (np.asarray(table["irradiance_w_cm2"]) != 0.0)
+        corner_px = np.column_stack([table["x_px"], table["y_px"]]) + 0.5 - LEAST_BOX_PX / 2
+        box_px = np.concatenate([corner_px, np.full(corner_px.shape, LEAST_BOX_PX)], axis=1)
+    else:
+        visible, box_px = boxes.visible.ravel(), boxes.box_px.reshape(-1, 4)
+    names = ("frame", "sensor", "band", "target", "x_px", "y_px", "snr", "clump_id")
+    columns = [*(table[name][visible].tolist() for name in names), map(tuple, box_px[visible].tolist())]
     marks: dict[tuple[int, str, str], list[Mark]] = {}
-    for row in table[lit]:
-        x_px, y_px, half_px = float(row["x_px"]), float(row["y_px"]), LEAST_BOX_PX / 2
-        box_px = (x_px + 0.5 - half_px, y_px + 0.5 - half_px, LEAST_BOX_PX, LEAST_BOX_PX)
-        name = _text(row["target"])
-        mark = Mark(name, x_px, y_px, box_px, float(row["snr"]), int(row["clump_id"]), name in mains)
-        marks.setdefault((int(row["frame"]), _text(row["sensor"]), _text(row["band"])), []).append(mark)
+    for frame, *texts, x_px, y_px, snr, clump, box in zip(*columns, strict=True):
+        sensor, band, target = map(_text, texts)
+        mark = Mark(target, x_px, y_px, box, snr, clump, target in mains)
+        marks.setdefault((frame, sensor, band), []).append(mark)
     return marks
 
 

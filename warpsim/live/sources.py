@@ -9,8 +9,8 @@ from pathlib import Path
 from warpsim.dataset.read_dataset import rebuild_sequence
 from warpsim.errors import InputError
 from warpsim.files import read_json
-from warpsim.live.growing_run import GrowingImages, unfinished_run
-from warpsim.live.shown_images import FolderImages, Images, RenderedImages
+from warpsim.live.run_images import FolderImages, GrowingImages, unfinished_run
+from warpsim.live.shown_images import Images, RenderedImages
 from warpsim.live.view import PORT, View
 from warpsim.output.output_folder import MANIFEST
 from warpsim.render.renderer import Renderer

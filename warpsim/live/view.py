@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import html
 import io
+import itertools
 import threading
 import time
 from collections.abc import Sequence
@@ -13,18 +14,14 @@ from typing import Any, Self
 from warpsim.errors import InputError, one_line
 from warpsim.instant import utc_dates
 from warpsim.live.access_bars import access_bars, access_note
-from warpsim.live.changes import changed_scene
-from warpsim.live.controls import EARTH, Controls
-from warpsim.live.first_look import CAMERA_OF_GROUP, camera_of_earth, first_frame
-from warpsim.live.globe import GlobeScene
-from warpsim.live.group_view import Groups
-from warpsim.live.growing_run import GrowingImages
-from warpsim.live.page import Status, open_server
-from warpsim.live.player import ImagesOfBand, Player
-from warpsim.live.scene_controls import SceneControls
+from warpsim.live.controls import EARTH, Controls, first_frame
+from warpsim.live.globe import GlobeScene, camera_of_earth
+from warpsim.live.group_view import CAMERA_OF_GROUP, Groups
+from warpsim.live.page import ImagesOfBand, Player, Status, Watch, open_server
+from warpsim.live.run_images import GrowingImages
+from warpsim.live.scene_controls import SceneControls, changed_scene
 from warpsim.live.shown_images import Images, RenderedImages, ShownImage, images_of, main_targets
 from warpsim.live.tile import legend_html, tile_html
-from warpsim.live.watch import Watch
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 from warpsim.scene.scene import Scene
@@ -90,11 +87,8 @@ class View:
         self._globe = GlobeScene(server.scene, scenario, self.sensors)
         self._groups = Groups(server.scene, scenario)
         frames = self.frames = self._frames_there()
-        self._last = frames[-1]
-        controls = Controls(
-            server.gui, scenario, self.sensors, (frames[0], self._last, first_frame(scenario, self.sensors, frames))
-        )
-        self._controls = controls
+        begin = first_frame(scenario, self.sensors, frames)
+        controls = self._controls = Controls(server.gui, scenario, self.sensors, (frames[0], frames[-1], begin))
         if band is not None:
             controls.band.value = band
         controls.slider.on_update(self._moved)
@@ -109,7 +103,7 @@ class View:
             self._scene_controls = SceneControls(server.gui, scenario, kind, self._change)
         panel = server.gui.add_panel()
         with panel.add_tab("Images"):
-            server.gui.add_html(legend_html([n for n in scenario.target_names if n in main_targets(scenario)]))
+            server.gui.add_html(legend_html(main_targets(scenario)))
             self._tiles = [server.gui.add_html("") for _ in range(max(len(self.sensors), MOST_SHOWN))]
         panel.dock_left()
         panel.set_width(330)
@@ -139,19 +133,11 @@ class View:
         """
         self._check(frame)
         self._player.wanted = frame
-        self._show_frame(frame)
+        self._show(frame)
 
     def _check(self, frame: int) -> None:
-        if not self.frames[0] <= frame <= self._last:
-            raise InputError(f"must be in {self.frames[0]} to {self._last}", "frame", frame)
-
-    def _show_frame(self, frame: int) -> None:
-        self._check(frame)
-        with self._lock:
-            begin = time.perf_counter()
-            self._update_sensors()
-            self.shown = self.images.at(frame, self.sensors, self._controls.chosen_band)
-            self._show(frame, begin)
+        if not self.frames[0] <= frame <= self.frames[-1]:
+            raise InputError(f"must be in {self.frames[0]} to {self.frames[-1]}", "frame", frame)
 
     def offer(self, frames: FrameSet) -> None:
         """Give the page rendered frames, of which it shows the last one when it has time; returns at once.
@@ -173,76 +159,62 @@ class View:
     def _try_to_show(self, frame: int, images: ImagesOfBand | None) -> None:
         """Show a frame, or images of it that were offered; what goes wrong stands on the page, which lives on."""
         try:
-            if images is None:
-                self._show_frame(frame)
-            else:
-                self._show_offered(frame, images)
-            self.status.problems["frame"] = ""
+            self._show(frame, images)
+            self.note("frame", "")
         except Exception as error:  # a file that is gone, a packet of another scene
-            self.status.problems["frame"] = one_line(error)
+            self.note("frame", one_line(error))
+
+    def _show(self, frame: int, offered: ImagesOfBand | None = None) -> None:
+        """Send the images of a frame, or those that were offered of it, and move what there is in three dimensions."""
+        controls = self._controls
+        with self._lock:
+            begin_s, before = time.perf_counter(), self.frame
+            if offered is None:
+                self._check(frame)
+                self._update_sensors()
+                self.shown = self.images.at(frame, self.sensors, controls.chosen_band)
+            else:
+                by_sensor = {image.sensor: image for image in offered(controls.chosen_band)}
+                self.shown = [by_sensor[sensor] for sensor in self.sensors if sensor in by_sensor]
+            self.frame = frame
+            try:
+                self._send(self.time_s)
+            except Exception:
+                self.frame = before
+                raise
+            if int(controls.slider.value) != frame:
+                controls.slider.value = frame
+            self.status.shown(begin_s)
             self._tell()
 
-    def _show_offered(self, frame: int, images: ImagesOfBand) -> None:
-        with self._lock:
-            begin = time.perf_counter()
-            by_sensor = {image.sensor: image for image in images(self._controls.chosen_band)}
-            self.shown = [by_sensor[sensor] for sensor in self.sensors if sensor in by_sensor]
-            self._show(frame, begin)
-
-    def _show(self, frame: int, begin: float) -> None:
-        """Send the images and move what there is in three dimensions."""
-        before, self.frame, controls = self.frame, frame, self._controls
-        by_sensor = {image.sensor: image for image in self.shown}
-        try:
-            time_s = self.time_s
-            self._send(time_s, by_sensor)
-        except Exception:
-            self.frame = before
-            raise
-        if int(controls.slider.value) != frame:
-            controls.slider.value = frame
-        self.status.shown(begin)
-        self._tell()
-
-    def _send(self, time_s: float, by_sensor: dict[str, ShownImage]) -> None:
-        """Send what there is to see of a frame."""
-        controls = self._controls
+    def _send(self, time_s: float) -> None:
+        """Send what there is to see at the time of the frame."""
+        controls, images = self._controls, {image.sensor: image for image in self.shown}
         with self.server.atomic():
-            for tile, sensor in zip(self._tiles, self.sensors, strict=False):
-                none = f"<div>{html.escape(sensor)}: no image</div>"
-                tile.content = self._tile(by_sensor[sensor]) if sensor in by_sensor else none
-            for tile in self._tiles[len(self.sensors) :]:
-                tile.content = ""
+            for tile, sensor in itertools.zip_longest(self._tiles, self.sensors):
+                tile.content = "" if sensor is None else self._tile(sensor, images.get(sensor))
             if controls.moving.value or not self._player.playing:
-                self._show_in_space(time_s)
+                group = controls.chosen_group
+                if group is None:
+                    self._globe.show(time_s)
+                else:
+                    self._groups.show(group, time_s)
             controls.curves.show(time_s)
             controls.access.content = access_bars(self.scenario, time_s, self.sensors)
 
-    def _show_in_space(self, time_s: float) -> None:
-        """Move what there is in three dimensions."""
-        group = self._controls.chosen_group
-        if group is None:
-            self._globe.show(time_s)
-        else:
-            self._groups.show(group, time_s)
-
-    def _tile(self, image: ShownImage) -> str:
+    def _tile(self, sensor: str, image: ShownImage | None) -> str:
+        if image is None:
+            return f"<div>{html.escape(sensor)}: no image</div>"
         controls = self._controls
         with_counts = image.counts.size <= (_PLAYED_PX if self._player.playing else _COUNTS_PX)
-        note = access_note(self.scenario, image.sensor, self.time_s)
+        note = access_note(self.scenario, sensor, self.time_s)
         image = image.about_targets() if controls.crop.value else image
         return tile_html(image, controls.ceiling.value, controls.overlay.value, with_counts, note)
 
-    def note_of_source(self, note: str) -> None:
-        """Let the line of status say something of where images come from; nothing for an empty text."""
-        if note != self.status.note:
-            self.status.note = note
-            self._tell()
-
-    def tell_progress(self, progress: str) -> None:
-        """Let the line of status say how much is there of a run; nothing for an empty text."""
-        if progress != self.status.progress:
-            self.status.progress = progress
+    def note(self, of: str, note: str) -> None:
+        """Let the line of status say something of one of its subjects; nothing for an empty text."""
+        if note != self.status.notes[of]:
+            self.status.notes[of] = note
             self._tell()
 
     def watch(self) -> None:
@@ -259,7 +231,7 @@ class View:
         """
         with self._lock:
             frames, slider = self._frames_there(), self._controls.slider
-            self.frames, self._last = frames, frames[-1]
+            self.frames = frames
             slider.min, slider.max = frames[0], max(frames[-1], frames[0] + 1)
         if newest is not None and not self._player.playing and self.frame == self._player.wanted == before:
             if newest == before:
@@ -279,34 +251,32 @@ class View:
             chosen = self.scenario.select_sensors(names) if names else []
             self.sensors = self._globe.sensors = chosen[: len(self._tiles)]
             more = len(chosen) - len(self._tiles)
-            self.status.problems["sensors"] = f"{more} sensors more than fit are not shown" if more > 0 else ""
+            self.status.notes["sensors"] = f"{more} sensors more than fit are not shown" if more > 0 else ""
         except InputError as error:
-            self.status.problems["sensors"] = str(error)
+            self.status.notes["sensors"] = str(error)
 
     def _draw_curve(self) -> None:
         if self.scenario.targets and self.images.sensors:
             with self._lock:
-                self._controls.draw_curve(self.scenario)
-                self._controls.curves.show(self.time_s)
+                self._controls.curves.draw(self.scenario, self._controls.band.value, self.time_s)
 
     def _change(self) -> None:
         """Render another scene from now on: the one with the numbers of the page."""
         controls = self._scene_controls
         if controls is None or not isinstance(self.images, RenderedImages):
             return
-        self.note_of_source("changing the scene ...")
+        self.note("source", "changing the scene ...")
         try:
             with self._lock:
                 scene = changed_scene(self.images.renderer.scenario, controls.changes, controls.value)
                 if scene.to_dict() != self.scenario.scene.to_dict():
                     self._take(scene, self.images.renderer)
                 controls.accept(self.scenario)
-                self.status.problems["scene"] = ""
+                self.status.notes["scene"] = ""
         except Exception as error:  # also what no rule foresees, such as want of memory
             problem = str(error) if isinstance(error, InputError) else one_line(error)
-            self.status.problems["scene"] = f"{problem}; the scene is as before"
-        self.note_of_source("")
-        self._tell()
+            self.status.notes["scene"] = f"{problem}; the scene is as before"
+        self.note("source", "")
         self._draw_curve()
         self._player.ask_again()
 
@@ -323,8 +293,9 @@ class View:
         if what == "pause":
             self._player.ask_again()
         if what == "step":
-            self._controls.slider.value = min(int(self._controls.slider.value) + 1, self._last)
-            self._player.ask(int(self._controls.slider.value))
+            slider = self._controls.slider
+            slider.value = min(int(slider.value) + 1, self.frames[-1])
+            self._player.ask(int(slider.value))
         self._player.wake()
 
     def _look_at(self) -> None:

@@ -191,10 +191,8 @@ def fit(
             if name not in names:
                 raise InputError(f"must name parameters among {', '.join(names)}", what, name)
     values = _start(names, bounds, rows, start or {})
-    starts = _scanned(names, rows, values, scan, whole_number("n_start", n_start, 1)) if scan else [values]
-
-    searches = [_Search(rows, first, bounds) for first in starts]
-    best = min(searches, key=lambda search: search.chi_square)
+    starts = _scanned(names, rows, values, scan, whole_number("n_start", n_start, 1)) if scan else values[None]
+    best = min((_Search(rows, first, bounds) for first in starts), key=lambda search: search.chi_square)
     light = best.residual + np.concatenate([row.light / row.sigma for row in rows])
     known = information_of(names, best.slope, light)
     found_at = np.where([name.endswith("_phase_rev") for name in names], best.values % 1.0, best.values)
@@ -272,24 +270,17 @@ def _start(names: list[str], bounds: F64, rows: list[_Data], given: Mapping[str,
     return values
 
 
-def _scanned(names: list[str], rows: list[_Data], values: F64, scan: Mapping[str, Any], n_start: int) -> list[F64]:
-    """Best starts of a scan, which takes each target for itself."""
-    starts = [values] * (2 * n_start)
+def _scanned(names: list[str], rows: list[_Data], values: F64, scan: Mapping[str, Any], n_start: int) -> F64:
+    """Best starts of a scan, (2 n_start, n_param), which takes each target for itself."""
+    starts = np.tile(values, (2 * n_start, 1))
     for target in dict.fromkeys(row.curve.target for row in rows):
         own = [row for row in rows if row.curve.target == target]
         wanted = {name: scan[name] for name in names if name in scan and name.rpartition(".")[0] == target}
-        if not wanted:
-            continue
-        axes = _axes(names, own, wanted)
-        best = _best_of_grid(own, values, names, axes, n_start)
-        starts = [_joined(start, better) for start, better in zip(starts, best, strict=True)]
+        if wanted:
+            axes = _axes(names, own, wanted)
+            scanned = [names.index(name) for name in axes]
+            starts[:, scanned] = _best_of_grid(own, values, scanned, list(axes.values()), n_start)
     return starts
-
-
-def _joined(values: F64, changed: dict[int, float]) -> F64:
-    out = values.copy()
-    out[list(changed)] = list(changed.values())
-    return out
 
 
 def _axes(names: list[str], rows: list[_Data], wanted: dict[str, Any]) -> dict[str, F64]:
@@ -316,29 +307,24 @@ def _axes(names: list[str], rows: list[_Data], wanted: dict[str, Any]) -> dict[s
     return axes
 
 
-def _best_of_grid(
-    rows: list[_Data], values: F64, names: list[str], axes: dict[str, F64], n_start: int
-) -> list[dict[int, float]]:
-    """Return the best combinations that are not neighbours, by the column of each parameter."""
-    grid = np.stack([axis.ravel() for axis in np.meshgrid(*axes.values(), indexing="ij")], axis=-1)
-    index = np.stack(np.unravel_index(np.arange(len(grid)), [len(axis) for axis in axes.values()]), axis=-1)
-    scanned = [names.index(name) for name in axes]
+def _best_of_grid(rows: list[_Data], values: F64, scanned: list[int], axes: list[F64], n_start: int) -> F64:
+    """Return the best combinations of scanned parameters, each with its best neighbour, (2 n_start, n_scanned)."""
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    index = np.stack(np.unravel_index(np.arange(len(grid)), [len(axis) for axis in axes]), axis=-1)
     misfit = np.empty(len(grid))
     for first in range(0, len(grid), _SETS_AT_ONCE):
         some = grid[first : first + _SETS_AT_ONCE]
-        sets = np.repeat(values[None], len(some), axis=0)
+        sets = np.tile(values, (len(some), 1))
         sets[:, scanned] = some
         misfit[first : first + len(some)] = _misfit(rows, sets)
-    found: list[dict[int, float]] = []
+    found: list[int] = []
     for _ in range(n_start):
         best = int(np.argmin(misfit))
-        found.append(dict(zip(scanned, grid[best].tolist(), strict=True)))
         near = (np.abs(index - index[best]) <= 1).all(axis=1)
         misfit[best] = np.inf
-        beside = int(np.argmin(np.where(near, misfit, np.inf)))
-        found.append(dict(zip(scanned, grid[beside].tolist(), strict=True)))
+        found += [best, int(np.argmin(np.where(near, misfit, np.inf)))]
         misfit[near] = np.inf
-    return found
+    return np.asarray(grid[found])
 
 
 def _misfit(rows: list[_Data], sets: F64) -> F64:

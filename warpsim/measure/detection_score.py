@@ -6,15 +6,13 @@ import functools
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from warpsim.arguments import above_zero, finite_number
 from warpsim.errors import InputError
-from warpsim.measure.detection_matches import Flags, Matches, Outcome, find_matches
-from warpsim.measure.matching import F64
+from warpsim.measure.detection_matches import F64, Flags, Matches, Outcome, find_matches
 from warpsim.measure.rows import column, column_names, has_column, numbers
 
 if TYPE_CHECKING:
@@ -44,53 +42,26 @@ class DetectionScore:
     """Images of the truth, those without targets or detections included."""
     radius_px: float
     """Largest distance of a detection from its target [px]."""
+    precision: float
+    """Part of the detections that are of targets or clumps; ignored ones do not count."""
+    recall: float
+    """Part of the targets that are found or merged."""
+    recall_resolved: float
+    """Part of the targets that are found, each by a detection of its own."""
+    false_alarms_per_image: float
+    """Detections of nothing, per image."""
+    rms_px: float
+    """Root mean square distance of found targets that are alone from their detections [px]."""
+    bias_px: tuple[float, float]
+    """Mean error of position of the same, in x and in y [px]."""
+    chi_square: float
+    """Mean square of their errors over those that the detections state: 1 where these are right; NaN where they have
+    no x_sigma_px and y_sigma_px."""
     _matches: Matches
 
     def __repr__(self) -> str:
         rates = f"precision {self.precision:.3f}, recall {self.recall:.3f}, resolved {self.recall_resolved:.3f}"
         return f"DetectionScore({rates}, {self.false_alarms_per_image:.3g} false alarms per image)"
-
-    @property
-    def precision(self) -> float:
-        """Part of the detections that are of targets or clumps; ignored ones do not count."""
-        return float(self._total["precision"])
-
-    @property
-    def recall(self) -> float:
-        """Part of the targets that are found or merged."""
-        return float(self._total["recall"])
-
-    @property
-    def recall_resolved(self) -> float:
-        """Part of the targets that are found, each by a detection of its own."""
-        return float(self._total["recall_resolved"])
-
-    @property
-    def false_alarms_per_image(self) -> float:
-        """Detections of nothing, per image."""
-        return float(self._total["n_false"]) / self.n_image
-
-    @property
-    def rms_px(self) -> float:
-        """Root mean square distance of found targets that are alone from their detections [px]."""
-        return float(self._total["rms_px"])
-
-    @property
-    def bias_px(self) -> tuple[float, float]:
-        """Mean error of position of the same, in x and in y [px]."""
-        return float(self._total["bias_x_px"]), float(self._total["bias_y_px"])
-
-    @property
-    def chi_square(self) -> float:
-        """Mean square of their errors over those that the detections state: 1 where these are right.
-
-        NaN where detections have no x_sigma_px and y_sigma_px.
-        """
-        return float(self._total["chi_square"])
-
-    @cached_property
-    def _total(self) -> dict[str, float]:
-        return self._numbers(np.ones(len(self.truth), dtype=bool), np.ones(len(self.found), dtype=bool))
 
     def by(self, name: str, edges: Sequence[float] | None = None) -> Table:
         """Scores of parts of the truth.
@@ -118,12 +89,11 @@ class DetectionScore:
             bins = itertools.pairwise(bounds.tolist())
             parts = [({"low": low, "high": high}, functools.partial(_within, low, high)) for low, high in bins]
         measured = column(self.found, name, "found") if has_column(self.found, name) else None
-        return Table(
-            rows=[
-                head | self._numbers(belongs(values), None if measured is None else belongs(measured))
-                for head, belongs in parts
-            ]
-        )
+        rows = []
+        for head, belongs in parts:
+            found = None if measured is None else self.found[belongs(measured)]
+            rows.append(head | _numbers(self.truth[belongs(values)], found))
+        return Table(rows=rows)
 
     def curve(self, thresholds: Sequence[float] | None = None) -> Table:
         """Scores of the detections with an SNR of each threshold or more, assigned anew: ROC, and precision-recall.
@@ -156,26 +126,6 @@ class DetectionScore:
             rows.append({**row, "false_alarms_per_image": n_false / self.n_image})
         return Table(rows=rows)
 
-    def _numbers(self, of_truth: Flags, of_found: Flags | None) -> dict[str, Any]:
-        """Scores of some rows of the truth, and of some detections where they can be told apart."""
-        truth = self.truth[of_truth]
-        outcome = np.asarray(truth["outcome"])
-        n_found, n_merged, n_missed = (int((outcome == name).sum()) for name in ("found", "merged", "missed"))
-        n_truth = n_found + n_merged + n_missed
-        row: dict[str, Any] = {"n_truth": n_truth, "n_found": n_found, "n_merged": n_merged, "n_missed": n_missed}
-        row |= _rates(n_truth, n_found, n_merged)
-        used = (outcome == "found") & np.asarray(truth["alone"])
-        x, y, chi = (np.asarray(truth[name])[used] for name in ("error_x_px", "error_y_px", "chi_square"))
-        chi = chi[np.isfinite(chi)]
-        square, *rest = (float(part.mean()) if len(part) else np.nan for part in (x**2 + y**2, x, y, chi))
-        row |= {"rms_px": square**0.5, **dict(zip(("bias_x_px", "bias_y_px", "chi_square"), rest, strict=True))}
-        if of_found is not None:
-            kind = np.asarray(self.found["outcome"])[of_found]
-            n_false = int((kind == "false").sum())
-            n_right = int(((kind == "target") | (kind == "clump")).sum())
-            row |= {"n_false": n_false, "precision": _fraction(n_right, n_right + n_false)}
-        return row
-
 
 def detections(
     found: Any, truth: Any, radius_px: float = 1.0, least_snr: float = 0.0, ignore: Any | None = None
@@ -206,9 +156,12 @@ def detections(
     matches, images = find_matches(found, truth, radius, finite_number("least_snr", least_snr), ignore)
     xy_px = numbers(found, ("x_px", "y_px"), "found")
     outcome = matches.outcome(np.ones(len(xy_px), dtype=bool))
-    found_table = _found_table(found, xy_px, matches, outcome)
-    truth_table = _truth_table(truth, found, xy_px, matches, outcome)
-    return DetectionScore(found_table, truth_table, len(images), radius, matches)
+    tables = _found_table(found, xy_px, matches, outcome), _truth_table(truth, found, xy_px, matches, outcome)
+    total = _numbers(tables[1], tables[0])
+    rates = {name: total[name] for name in ("precision", "recall", "recall_resolved", "rms_px", "chi_square")}
+    rates["false_alarms_per_image"] = total["n_false"] / len(images)
+    rates["bias_px"] = total["bias_x_px"], total["bias_y_px"]
+    return DetectionScore(*tables, len(images), radius, _matches=matches, **rates)
 
 
 def _found_table(found: Any, xy_px: F64, matches: Matches, outcome: Outcome) -> Table:
@@ -248,6 +201,25 @@ def _truth_table(truth: Any, found: Any, xy_px: F64, matches: Matches, outcome: 
         square[is_found] = ((error[is_found] / sigma[outcome.found[is_found]]) ** 2).mean(axis=1)
     table["chi_square"] = square
     return table
+
+
+def _numbers(truth: Table, found: Table | None) -> dict[str, Any]:
+    """Scores of some rows of the truth, and of some detections where they can be told apart."""
+    outcome = np.asarray(truth["outcome"])
+    n_found, n_merged, n_missed = (int((outcome == name).sum()) for name in ("found", "merged", "missed"))
+    n_truth = n_found + n_merged + n_missed
+    row: dict[str, Any] = {"n_truth": n_truth, "n_found": n_found, "n_merged": n_merged, "n_missed": n_missed}
+    row |= _rates(n_truth, n_found, n_merged)
+    used = (outcome == "found") & np.asarray(truth["alone"])
+    x, y, chi = (np.asarray(truth[name])[used] for name in ("error_x_px", "error_y_px", "chi_square"))
+    chi = chi[np.isfinite(chi)]
+    square, *rest = (float(part.mean()) if len(part) else np.nan for part in (x**2 + y**2, x, y, chi))
+    row |= {"rms_px": square**0.5, **dict(zip(("bias_x_px", "bias_y_px", "chi_square"), rest, strict=True))}
+    if found is not None:
+        kind = np.asarray(found["outcome"])
+        n_false, n_right = int((kind == "false").sum()), int(np.isin(kind, ("target", "clump")).sum())
+        row |= {"n_false": n_false, "precision": _fraction(n_right, n_right + n_false)}
+    return row
 
 
 def _within(low: float, high: float, values: F64) -> Flags:

@@ -12,10 +12,8 @@ import numpy.typing as npt
 from warpsim.arguments import above_zero, chosen_names, whole_number
 from warpsim.errors import InputError
 from warpsim.instant import utc_dates
+from warpsim.measure.detection_rows import ROW, Draws, Rows, Search, draw_detections, find_detections
 from warpsim.measure.finding import FINDERS
-from warpsim.measure.from_images import Search, find_detections
-from warpsim.measure.from_truth import Draws, draw_detections
-from warpsim.measure.image_rows import ImageRows
 from warpsim.render.frameset import FrameSet
 from warpsim.render.line_of_sight import ViewGeometry
 from warpsim.render.renderer import Renderer
@@ -29,6 +27,8 @@ if TYPE_CHECKING:
 
 F64 = npt.NDArray[np.float64]
 Views = Callable[[int, str], ViewGeometry]
+Image = tuple[int, str, str]
+"""Frame, sensor and band."""
 
 _STEP_PX = 0.01
 """Step of the camera's derivatives."""
@@ -91,21 +91,21 @@ def detections(
     """
     chosen = _checked_method(method, isinstance(source, FrameSet))
     threshold = above_zero("threshold_sigma", threshold_sigma)
-    search = Search(
-        chosen, threshold, whole_number("background_px", background_px, 0), above_zero("match_px", match_px)
-    )
+    box_px = whole_number("background_px", background_px, 0)
+    search = Search(chosen, threshold, box_px, above_zero("match_px", match_px))
     draws = Draws(threshold, *_checked_draws(probability, clutter_per_image), whole_number("seed", seed, 0))
     if chosen != "truth" and draws != Draws(threshold):
         raise InputError("must be left out where detections are found in pixels", "probability, clutter, seed")
     scenario, truth, views, images = _observed(source, frames, sensors, bands)
     if chosen == "truth":
         instrument = scenario.instrument_of(images[0][1]) if images else next(iter(scenario.instruments.values()))
-        table = _table(scenario, views, list(draw_detections(truth, len(scenario.target_names), instrument, draws)))
+        found = draw_detections(truth, len(scenario.target_names), instrument, draws)
     else:
         assert isinstance(source, FrameSet)  # by the check of the method
-        table = _table(scenario, views, list(find_detections(source, images, truth, search)))
-    settings = asdict(draws) if chosen == "truth" else asdict(search)
-    table.meta |= {name.upper(): value for name, value in settings.items() if value is not None}
+        found = find_detections(source, images, truth, search)
+    table = _table(scenario, views, images, np.concatenate([np.zeros(0, ROW), *found]))
+    settings: Draws | Search = draws if chosen == "truth" else search
+    table.meta |= {name.upper(): value for name, value in asdict(settings).items() if value is not None}
     table.meta["METHOD"] = chosen
     return table
 
@@ -131,7 +131,7 @@ def _checked_draws(probability: Any, clutter_per_image: Any) -> tuple[float | No
 
 def _observed(
     source: Any, frames: Iterable[int] | None, sensors: Any, bands: Any
-) -> tuple[Scenario, Table, Views, list[tuple[int, str, str]]]:
+) -> tuple[Scenario, Table, Views, list[Image]]:
     """The scenario, truth by frame, sensor, band and target, geometry of views, and the images by their labels."""
     from scipy.spatial.transform import Rotation
 
@@ -166,29 +166,25 @@ def _chosen(frames: FrameSet, numbers: Any, sensors: Any, bands: Any) -> Table:
     return frames.truth[np.arange(len(frames.truth)).reshape(*shape, -1)[np.ix_(*chosen)].ravel()]
 
 
-def _table(scenario: Scenario, views: Views, found: list[ImageRows]) -> Table:
+def _table(scenario: Scenario, views: Views, images: list[Image], rows: Rows) -> Table:
     """Detections of images as a table, in time order."""
     from astropy.table import Table
 
-    found = [rows for rows in found if len(rows.target)]
-    count = [len(rows.target) for rows in found]
-    xy, sigma = _joined([rows.xy_px for rows in found], 2), _joined([rows.sigma for rows in found], 3)
-    light = _joined([rows.irradiance_w_cm2[:, None] for rows in found], 1)[:, 0]
-    sky = _sky(views, found, xy, sigma)
+    labels = [images[number] for number in rows["image"].tolist()]
+    names = [*scenario.target_names, ""]
+    sky, light, sigma = _sky(views, images, rows), rows["irradiance_w_cm2"], rows["sigma"]
     columns: dict[str, Any] = {
-        "frame": np.repeat(np.array([rows.frame for rows in found], dtype=np.int64), count),
+        "frame": np.array([frame for frame, _, _ in labels], dtype=np.int64),
         "time_s": sky["time_s"],
         "date_obs": np.asarray(utc_dates(scenario.scene.epoch_utc, sky["time_s"]), dtype="U26"),
-        "sensor": np.repeat(np.array([rows.sensor for rows in found], dtype=str), count),
-        "band": np.repeat(np.array([rows.band for rows in found], dtype=str), count),
-        "x_px": xy[:, 0], "y_px": xy[:, 1], "x_sigma_px": sigma[:, 0], "y_sigma_px": sigma[:, 1],
+        "sensor": np.array([sensor for _, sensor, _ in labels], dtype=str),
+        "band": np.array([band for _, _, band in labels], dtype=str),
+        "x_px": rows["xy_px"][:, 0], "y_px": rows["xy_px"][:, 1], "x_sigma_px": sigma[:, 0], "y_sigma_px": sigma[:, 1],
         **{name: sky[name] for name in ("ra_deg", "dec_deg", "ra_cosdec_sigma_deg", "dec_sigma_deg", "ra_dec_corr")},
         "irradiance_w_cm2": light, "irradiance_sigma_w_cm2": sigma[:, 2], "snr": light / sigma[:, 2],
         **{name: values for name, values in sky.items() if name.startswith("sensor_")},
-        "target": np.array([name for rows in found for name in rows.target], dtype=str),
-        "clump_id": np.array([number for rows in found for number in rows.clump_id], dtype=np.int64),
-        "n_merged": np.array([number for rows in found for number in rows.n_merged], dtype=np.int64),
-        "poor_fit": np.array([is_poor for rows in found for is_poor in rows.poor_fit], dtype=bool),
+        "target": np.array([names[number] for number in rows["target"].tolist()], dtype=str),
+        **{name: rows[name] for name in ("clump_id", "n_merged", "poor_fit")},
     }  # fmt: skip
     table = Table(columns, meta=provenance(scenario.scene))
     for name, unit in UNITS.items():
@@ -196,30 +192,24 @@ def _table(scenario: Scenario, views: Views, found: list[ImageRows]) -> Table:
     return table[np.lexsort((np.arange(len(table)), table["frame"], table["time_s"]))]
 
 
-def _joined(parts: list[F64], width: int) -> F64:
-    return np.concatenate([np.zeros((0, width)), *parts])
-
-
-def _sky(views: Views, found: list[ImageRows], xy_px: F64, sigma_px: F64) -> dict[str, F64]:
+def _sky(views: Views, images: list[Image], rows: Rows) -> dict[str, F64]:
     """Times, directions with their errors, and states of sensors, of all detections."""
     step = _STEP_PX * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
-    parts, start = [], 0
-    for rows in found:
-        points = xy_px[start : start + len(rows.target)]
-        start += len(points)
-        view = views(rows.frame, rows.sensor)
+    parts = [np.zeros((0, 26))]
+    for own in np.split(rows, np.flatnonzero(np.diff(rows["image"], append=-1)) + 1)[:-1]:  # image by image
+        frame, sensor, _ = images[own["image"][0]]
+        view, points = views(frame, sensor), own["xy_px"]
         line = view.line_of_sight((points[:, None] + step).reshape(-1, 2), None, "gcrs")
         time_s, state = view.sensor_states(points[:, 1])
-        direction = line.direction.reshape(-1, 15)
-        parts.append(np.column_stack([time_s, state, direction]))
-    values = _joined(parts, 26)
+        parts.append(np.column_stack([time_s, state, line.direction.reshape(-1, 15)]))
+    values = np.concatenate(parts)
     around: npt.NDArray[np.float64] = values[:, 11:].reshape(-1, 5, 3)
     ra, dec = np.arctan2(around[:, 0, 1], around[:, 0, 0]), np.arcsin(np.clip(around[:, 0, 2], -1.0, 1.0))
     east = np.stack([-np.sin(ra), np.cos(ra), np.zeros_like(ra)], axis=1)
     north = np.stack([-np.sin(dec) * np.cos(ra), -np.sin(dec) * np.sin(ra), np.cos(dec)], axis=1)
     slopes = np.stack([around[:, 1] - around[:, 2], around[:, 3] - around[:, 4]], axis=2) / (2 * _STEP_PX)
     jacobian = np.einsum("nai,nij->naj", np.stack([east, north], axis=1), slopes)  # rad/px
-    covariance = np.einsum("nai,ni,nbi->nab", jacobian, sigma_px[:, :2] ** 2, jacobian)
+    covariance = np.einsum("nai,ni,nbi->nab", jacobian, rows["sigma"][:, :2] ** 2, jacobian)
     spread = np.sqrt(np.einsum("naa->na", covariance))
     return {
         "time_s": values[:, 0],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ import numpy.typing as npt
 from warpsim.errors import InputError
 from warpsim.measure.pixel_psf import PixelPsf
 from warpsim.measure.point_fit import LEAST_APART_PX, N_ROUGH_STEP, PointFit, PointFitter
+from warpsim.render.frameset import FrameSet
+from warpsim.render.irradiance import irradiance_image
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -30,6 +33,36 @@ _CLIP_SIGMA, _N_CLIP = 3.0, 4
 _MAD_SIGMA = 1.4826
 _MORE_NOISE = 1.1
 """Measured noise over the detector's from which on the measured one counts: fixed patterns, say."""
+
+
+@dataclass(frozen=True)
+class SkyImage:
+    """An image less its background, over the NEI."""
+
+    light: F64
+    ok: Mask
+    nei_w_cm2: float
+    _sky_variance: F64
+    """Of pixels that hold the background alone, (n_row, n_col)."""
+    _shot: float
+    """Variance over light."""
+
+    @classmethod
+    def of(cls, frames: FrameSet, frame: int, sensor: str, band: str, background_px: int, what: str) -> SkyImage:
+        """Return one image; InputError, as of `what`, if it was not rendered."""
+        image, nei_w_cm2 = irradiance_image(frames, frame, sensor, band, what), frames.instrument.nei_w_cm2(band)
+        ok, light_w_cm2 = ~image.is_full, image.light_w_cm2
+        below = background_of(light_w_cm2, ok, background_px) if background_px else np.zeros_like(light_w_cm2)
+        light, variance = (light_w_cm2 - below) / nei_w_cm2, image.variance(below) / nei_w_cm2**2
+        measured = _clipped((light / np.sqrt(variance))[ok])[1]
+        scale = measured if measured > _MORE_NOISE else 1.0
+        return cls(light, ok, nei_w_cm2, variance * scale**2, image.shot_w_cm2 / nei_w_cm2)
+
+    def variance(self, light: F64, window: tuple[slice, ...] = ()) -> F64:
+        """Variance of pixels that hold a light above the background, of a window or of an array with a margin."""
+        sky = self._sky_variance[window]
+        margin = [((n - own) // 2,) * 2 for n, own in zip(light.shape, sky.shape, strict=True)]
+        return np.asarray(np.pad(sky, margin, mode="edge") + np.maximum(light, 0.0) * self._shot)
 
 
 def background_of(light: F64, ok: Mask, box_px: int) -> F64:
@@ -58,12 +91,6 @@ def _clipped(values: F64) -> tuple[float, float]:
         sigma = _MAD_SIGMA * float(np.median(np.abs(values - middle)))
         values = values[np.abs(values - middle) <= _CLIP_SIGMA * sigma]
     return middle, sigma
-
-
-def noise_scale(light: F64, sigma: F64, ok: Mask) -> float:
-    """Return by how much an image without background varies more than its detector's noise; 1 where it does not."""
-    measured = _clipped((light / sigma)[ok])[1]
-    return measured if measured > _MORE_NOISE else 1.0
 
 
 def find_points(

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from warpsim.arguments import above_zero, chosen_names, whole_number
 from warpsim.errors import InputError
-from warpsim.measure.from_images import SkyImage
+from warpsim.measure.finding import SkyImage
 from warpsim.measure.pixel_psf import PixelPsf
 from warpsim.render.frameset import FrameSet
 
@@ -80,7 +80,7 @@ def photometry(
         window = _window(row, reach_px, (camera.n_row, camera.n_col))
         image = SkyImage.of(frames, int(row["frame"]), str(row["sensor"]), band, box_px, "photometry")
         planes = _planes(frames, row, window) / image.nei_w_cm2
-        variance = image.variance_within(planes.sum(axis=0), window)
+        variance = image.variance(planes.sum(axis=0), window)
         fraction, ok = planes[number] * (image.nei_w_cm2 / own), image.ok[window]
         if method == "aperture":
             down, across = np.ogrid[window]

@@ -187,19 +187,14 @@ class PointFitter:
         """Light of all windows on the image, flat."""
         return np.bincount(self._flat.ravel(), light.ravel(), minlength=self._image.size).astype(np.float64)
 
-    def _jacobian(self, slopes: F64) -> Any:
-        """Derivatives of pixels, sparse, (pixel of the image, 3 n)."""
-        from scipy.sparse import csc_array
-
-        n, _, n_pixel = slopes.shape
-        row = np.broadcast_to(self._flat[:, None], slopes.shape).ravel()
-        return csc_array((slopes.ravel(), row, np.arange(3 * n + 1) * n_pixel), shape=(self._image.size, 3 * n))
-
     def _information(self, slopes: F64, weight: F64, damping: F64 | float = 0.0) -> Any:
         """Fisher information of all sources, sparse, (3 n, 3 n); its diagonal grown by a damping of each."""
-        from scipy.sparse import diags_array
+        from scipy.sparse import csc_array, diags_array
 
-        jacobian = self._jacobian(slopes * np.sqrt(weight)[self._flat][:, None])
+        weighted = slopes * np.sqrt(weight)[self._flat][:, None]
+        row, n_pixel = np.broadcast_to(self._flat[:, None], slopes.shape), slopes.shape[2]
+        ends = np.arange(0, slopes.size + 1, n_pixel)
+        jacobian = csc_array((weighted.ravel(), row.ravel(), ends), shape=(self._image.size, len(ends) - 1))
         information = jacobian.T @ jacobian
         diagonal = information.diagonal().reshape(-1, 3)
         more = diagonal * (1e-9 + np.broadcast_to(damping, len(diagonal))[:, None])

@@ -49,18 +49,16 @@ def metrics_of(
     ospa = OSPAMetric(p=order, c=cutoff_m, measure=position)
     gospa = GOSPAMetric(p=order, c=cutoff_m, measure=position, switching_penalty=switching_m)
     associator = _Associator(
-        association_threshold=cutoff_m,
-        consec_pairs_confirm=counts[0],
-        consec_misses_end=counts[1],
-        measure=position,
+        measure=position, association_threshold=cutoff_m, consec_pairs_confirm=counts[0], consec_misses_end=counts[1]
     )
     manager = MultiManager([siap, ospa, gospa], associator)
-    sets = {"tracks": _sequences(of_tracks, Track), "groundtruth_paths": _sequences(of_truth, GroundTruthPath)}
-    manager.add_data(sets)
+    manager.add_data(
+        {"tracks": _sequences(of_tracks, Track), "groundtruth_paths": _sequences(of_truth, GroundTruthPath)}
+    )
     found = manager.generate_metrics()
     values = {title.removeprefix("SIAP "): _value(metric) for title, metric in found["siap_generator"].items()}
-    for name, generator in (("OSPA", "ospa_generator"), ("GOSPA", "gospa_generator")):
-        (metric,) = found[generator].values()
+    for name in ("OSPA", "GOSPA"):
+        (metric,) = found[f"{name.lower()}_generator"].values()
         values[name] = _value(metric)
     return values
 
@@ -73,9 +71,6 @@ def _value(metric: Any) -> Any:
 def _sequences(states: States, kind: Any) -> set[Any]:
     """Tracks or paths of states."""
     when, vector = naive_utc(states.when), np.nan_to_num(states.vector)  # measures take no NaN
-    sequences = set()
-    for name in np.unique(states.name):
-        rows = np.flatnonzero(states.name == name)
-        made = [State(StateVector(vector[row]), timestamp=when[row]) for row in rows]
-        sequences.add(kind(made, id=str(name)))
-    return sequences
+    made = [State(StateVector(one), timestamp=time) for one, time in zip(vector, when, strict=True)]
+    rows = {name: np.flatnonzero(states.name == name) for name in np.unique(states.name)}
+    return {kind([made[row] for row in own], id=str(name)) for name, own in rows.items()}

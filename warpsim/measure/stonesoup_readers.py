@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import Any
@@ -111,21 +112,14 @@ class TableGroundTruthReader(GroundTruthReader):  # type: ignore[misc]
     @BufferedGenerator.generator_method  # type: ignore[untyped-decorator]
     def groundtruth_paths_gen(self) -> Iterator[tuple[datetime, set[GroundTruthPath]]]:
         """Yield each time, and the paths that have a new state then."""
-        paths: dict[str, GroundTruthPath] = {}
-        when = naive_utc(self.states.when)
-        first = 0
-        while first < len(when):
+        paths = {name: GroundTruthPath(id=str(name)) for name in np.unique(self.states.name)}
+        rows = zip(naive_utc(self.states.when), self.states.name, self.states.vector, self.metadata, strict=True)
+        for when, group in itertools.groupby(rows, key=lambda row: row[0]):
             updated = set()
-            end = first
-            while end < len(when) and when[end] == when[first]:
-                name = str(self.states.name[end])
-                path = paths.setdefault(name, GroundTruthPath(id=name))
-                vector = StateVector(self.states.vector[end])
-                path.append(GroundTruthState(vector, timestamp=when[end], metadata=dict(self.metadata[end])))
-                updated.add(path)
-                end += 1
-            yield when[first], updated
-            first = end
+            for _, name, vector, metadata in group:
+                paths[name].append(GroundTruthState(StateVector(vector), timestamp=when, metadata=dict(metadata)))
+                updated.add(paths[name])
+            yield when, updated
 
 
 class ImageReader(FrameReader):  # type: ignore[misc]

@@ -95,7 +95,9 @@ def triangulate(
         return np.asarray((np.einsum("nij,nj->ni", across, normalised(away)) / sigma[:, None]).ravel())
 
     def derivatives(values: F64) -> F64:
-        return _derivatives(missed, values, scale)
+        """Central differences, (2 n, n_state)."""
+        steps = [(missed(values + step) - missed(values - step)) / (2 * step.max()) for step in np.diag(scale)]
+        return np.stack(steps, axis=1)
 
     _checked_normal(derivatives(begin), lines)
     fit = least_squares(missed, begin, derivatives, method="lm", x_scale="jac", xtol=_TOL, ftol=_TOL, gtol=_TOL)
@@ -106,8 +108,8 @@ def triangulate(
     covariance = np.asarray(np.linalg.inv(_checked_normal(fit.jac, lines)), dtype=np.float64)
     residual = fit.fun.reshape(-1, 2) * sigma[:, None]
     velocity = None if motion == "still" else state[3:]
-    fitted = 2 * len(lines) - n_state, float(fit.fun @ fit.fun)
-    return Triangulation(when_s, state[:3], velocity, covariance, residual, *fitted)
+    chi_square = float(fit.fun @ fit.fun)
+    return Triangulation(when_s, state[:3], velocity, covariance, residual, 2 * len(lines) - n_state, chi_square)
 
 
 def _seen_from(
@@ -130,16 +132,6 @@ def _seen_from(
         since_s = came_s - np.linalg.norm(found - origin_m, axis=1) / SPEED_OF_LIGHT_M_S - when_s
         found = position + (since_s - known_s)[:, None] * velocity
     return np.asarray(found)
-
-
-def _derivatives(function: Any, state: F64, scale: F64) -> F64:
-    """Central differences of a function of a state, (n_value, n_state)."""
-    columns = []
-    for number, step in enumerate(scale):
-        ahead, back = state.copy(), state.copy()
-        ahead[number], back[number] = state[number] + step, state[number] - step
-        columns.append((function(ahead) - function(back)) / (2 * step))
-    return np.stack(columns, axis=1)
 
 
 def _checked_normal(jacobian: F64, lines: Sequence[LineOfSight]) -> F64:

@@ -7,7 +7,6 @@ has it as a table. All packets of a server have the same size.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy.typing as npt
 from warpsim.instant import utc_dates, years_ahead
 from warpsim.optics.wcs import lens_keywords
 from warpsim.render.frameset import FrameSet
-from warpsim.scene.instrument import Instrument
+from warpsim.render.request import Request
 from warpsim.scene.scenario import Scenario
 from warpsim.version import __version__
 
@@ -69,23 +68,13 @@ class PacketMaker:
 
     Args:
         scenario: What the frames are of.
-        instrument: The kind of the sensors.
-        frames: Frame numbers, in the order in which they come.
-        sensors: Names of the sensors.
-        bands: Names of the bands.
+        request: Kind and names of the sensors, bands, and frame numbers in the order in which they come.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        instrument: Instrument,
-        frames: Sequence[int],
-        sensors: Sequence[str],
-        bands: Sequence[str],
-    ) -> None:
-        self._scenario, self._instrument, self._frames = scenario, instrument, frames
-        self.sensors, self.bands = list(sensors), list(bands)
-        camera = instrument.sensor.camera
+    def __init__(self, scenario: Scenario, request: Request) -> None:
+        self._scenario, self._instrument, self._frames = scenario, request.instrument, request.frames
+        self.sensors, self.bands = request.sensors, request.bands
+        camera = request.instrument.sensor.camera
         self.n_image = len(self.sensors) * len(self.bands)
         self.packet_bytes = HEADER.itemsize + 2 * camera.n_row * camera.n_col
         self.topics = [f"frame/{sensor}/{band}".encode() for sensor in self.sensors for band in self.bands]
@@ -98,8 +87,8 @@ class PacketMaker:
         camera, n_band = self._instrument.sensor.camera, len(self.bands)
         headers = np.zeros(self.n_image, dtype=HEADER)
         fields = {"magic": MAGIC, "version": VERSION, "header_bytes": HEADER.itemsize, "dtype": b"<u2"}
-        fields |= {"n_sensor": len(self.sensors), "n_band": n_band, "n_row": camera.n_row, "n_col": camera.n_col}
-        fields |= {"payload_bytes": self.packet_bytes - HEADER.itemsize}
+        fields |= {"payload_bytes": self.packet_bytes - HEADER.itemsize, "n_row": camera.n_row, "n_col": camera.n_col}
+        fields |= {"n_sensor": len(self.sensors), "n_band": n_band}
         for name, value in fields.items():
             headers[name] = value
         headers["sensor"] = np.repeat(np.arange(len(self.sensors)), n_band)

@@ -75,10 +75,10 @@ class FrameServer:
         if not request.frames:
             raise InputError("must hold at least one", "frames")
         rate_hz = checked_rate(rate_hz) or 1.0 / request.instrument.frames.interval_s
-        asked = request.frames, request.sensors, request.bands
-        self._maker = PacketMaker(renderer.scenario, request.instrument, *asked)
+        self._maker = PacketMaker(renderer.scenario, request)
         self._n_frame, self._wait_for, self._sequence = len(request.frames), wait_for, 0
         options: dict[str, Any] = {"n_ahead": n_ahead, "loop": loop, "prepare": self._maker.packets, "idle": self._idle}
+        asked = request.frames, request.sensors, request.bands
         self._stream = renderer.stream(*asked, rate_hz, late == "drop", **options)
         if ring_frames is None:
             fitting = min(RING_S * rate_hz, RING_BYTES / (self._maker.packet_bytes * self._maker.n_image))

@@ -1,4 +1,4 @@
-"""Images of a run that another process still renders, or left unfinished: what is whole by now, read and never written.
+"""Images of a run, read and never written: of a finished one, or of one that another process still renders or left.
 
 A sensor that is being rendered has its files below PARTS and a journal of how far they are whole; one that is
 complete has them under their final names. The truth of both stands in parts of tables until the manifest comes.
@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from warpsim.errors import InputError
 from warpsim.files import read_json
-from warpsim.live.shown_images import FolderImages, Mark, ShownImage, main_targets, marks_of
+from warpsim.live.shown_images import Mark, ShownImage, main_targets, marks_of
 from warpsim.output.checkpoints import has_key, is_record
 from warpsim.output.growing import whole_steps
 from warpsim.output.output_folder import CHECKPOINTS, GROWING, MANIFEST, PARTS, RUN
@@ -29,6 +29,71 @@ if TYPE_CHECKING:
     from astropy.table import Table
 
 
+class _RunImages:
+    """What images of runs have in common, finished or not.
+
+    Args:
+        folder: Of the run.
+        record: What it says of itself.
+        path: File with the record.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], record: dict[str, Any], path: Path) -> None:
+        if "fits" not in record["formats"]:
+            raise InputError("must have fits to be shown", "formats", " ".join(record["formats"])).of(folder)
+        self.folder = Path(folder)
+        self.scenario = Scene.from_dict(record["scene"], str(path)).scenario
+        self._frames: dict[str, list[int]] = record["frames"]
+        self._bands: dict[str, list[str]] = record["bands_of"]
+        self.sensors = [name for name, numbers in self._frames.items() if numbers]
+        self._marks: dict[tuple[int, str, str], list[Mark]] = {}
+
+    def frames(self, sensor: str) -> Sequence[int]:
+        """Numbers of the frames that a sensor has images of."""
+        return self._frames.get(sensor, [])
+
+    def at(self, frame: int, sensors: Sequence[str], band: str | None) -> list[ShownImage]:
+        """Images of a frame in a band (None: the first of each sensor), of the sensors that have both."""
+        shown = []
+        for sensor in sensors:
+            own = self._bands.get(sensor, [""])[0] if band is None else band
+            if frame in self.frames(sensor) and own in self._bands[sensor]:
+                counts = _plane(self._path(sensor, f"{sensor}_{own}.fits"), self._frames[sensor].index(frame))
+                levels = self.scenario.instrument_of(sensor).levels[own]
+                shown.append(ShownImage(sensor, own, counts, levels, self._marks_of(frame, sensor, own)))
+        return shown
+
+    def _path(self, sensor: str, name: str) -> Path:
+        """Path of a file with images of a sensor."""
+        return self.folder / name
+
+    def _marks_of(self, frame: int, sensor: str, band: str) -> list[Mark]:
+        """Targets with light in an image."""
+        return self._marks.get((frame, sensor, band), [])
+
+
+class FolderImages(_RunImages):
+    """Images of a finished run, read back; nothing is rendered.
+
+    Args:
+        folder: As `warpsim render` left it, with FITS cubes and truth.
+
+    Raises:
+        InputError: It holds no complete run, or one in another format.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        from astropy.table import Table
+
+        path = Path(folder) / MANIFEST
+        manifest = read_json(path)
+        if not is_record(manifest) or "scene" not in manifest or "frames" not in manifest:
+            raise InputError("holds no complete run, which has a manifest with a scene").of(folder)
+        super().__init__(folder, manifest, path)
+        if "truth" in manifest["tables"]:
+            self._marks = marks_of(Table.read(self.folder / "truth.fits"), main_targets(self.scenario))
+
+
 def unfinished_run(folder: str | os.PathLike[str]) -> dict[str, Any] | None:
     """Return the record of the run, or the data set, that a folder holds without its manifest; None for others."""
     record = read_json(Path(folder) / PARTS / RUN)  # before the manifest: it goes when that has come
@@ -37,7 +102,7 @@ def unfinished_run(folder: str | os.PathLike[str]) -> dict[str, Any] | None:
     return dict(record)
 
 
-class GrowingImages:
+class GrowingImages(_RunImages):
     """Images of an unfinished run, as far as they are whole; from its manifest on those of the finished one.
 
     Args:
@@ -48,18 +113,11 @@ class GrowingImages:
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
-        self.folder = Path(folder)
         record = unfinished_run(folder)
         if record is None or "scene" not in record or "frames" not in record:
             raise InputError("holds no unfinished run").of(folder)
-        if "fits" not in record["formats"]:
-            raise InputError("must have fits to be shown", "formats", " ".join(record["formats"])).of(folder)
-        self.scenario = Scene.from_dict(record["scene"], str(self.folder / PARTS / RUN)).scenario
+        super().__init__(folder, record, Path(folder) / PARTS / RUN)
         self._key: str = record["key"]
-        self._frames: dict[str, list[int]] = record["frames"]
-        self._bands: dict[str, list[str]] = record["bands_of"]
-        self.sensors = [name for name, numbers in self._frames.items() if numbers]
-        self._index = {name: {number: i for i, number in enumerate(self._frames[name])} for name in self.sensors}
         self._growing = self.folder / PARTS / GROWING / self._key[:16]
         self._journals = {name: _Journal(self._growing / name / "journal") for name in self.sensors}
         self._complete: set[str] = set()
@@ -120,18 +178,7 @@ class GrowingImages:
 
     def _at(self, frame: int, sensors: Sequence[str], band: str | None) -> list[ShownImage]:
         finished = self._look()
-        if finished is not None:
-            return finished.at(frame, sensors, band)
-        shown = []
-        for sensor in sensors:
-            own = self._bands.get(sensor, [""])[0] if band is None else band
-            index = self._index.get(sensor, {}).get(frame)
-            if index is None or own not in self._bands[sensor] or index >= self._n_whole(sensor):
-                continue
-            counts = _plane(self._path(sensor, f"{sensor}_{own}.fits"), index)
-            levels = self.scenario.instrument_of(sensor).levels[own]
-            shown.append(ShownImage(sensor, own, counts, levels, self._marks(sensor, own, frame, index)))
-        return shown
+        return super().at(frame, sensors, band) if finished is None else finished.at(frame, sensors, band)
 
     def _look(self) -> FolderImages | None:
         """Return the images of the finished run once its manifest is there.
@@ -168,9 +215,9 @@ class GrowingImages:
         growing = self._growing / sensor / "files" / name
         return growing if growing.exists() else self.folder / name
 
-    def _marks(self, sensor: str, band: str, frame: int, index: int) -> list[Mark]:
+    def _marks_of(self, frame: int, sensor: str, band: str) -> list[Mark]:
         """Targets with light in an image, from the part of the truth that has the frame."""
-        parts: dict[int, Path] = {}
+        index, parts = self._frames[sensor].index(frame), dict[int, Path]()
         for home in (self._growing / sensor / "files", self.folder):
             folder = (home / part_name(sensor, "truth", 0)).parent
             for path in folder.glob(f"{glob.escape(sensor)}.*.fits"):
@@ -201,18 +248,16 @@ class _Journal:
     def read_on(self) -> None:
         """Read what was added since the last time; all again where the journal became shorter."""
         try:
-            n_byte = self._path.stat().st_size
-            if n_byte < self._n_byte:
-                self._n_byte = self.n_frame = 0
-            added = b""
-            if n_byte > self._n_byte:
-                with self._path.open("rb") as file:
-                    file.seek(self._n_byte)
-                    added = file.read()
+            file = self._path.open("rb")
         except FileNotFoundError:
             self._n_byte = self.n_frame = 0
             self.is_there = False
             return
+        with file:
+            if file.seek(0, os.SEEK_END) < self._n_byte:
+                self._n_byte = self.n_frame = 0
+            file.seek(self._n_byte)
+            added = file.read()
         self.is_there = True
         for length, step in whole_steps(added):
             self.n_frame += len(step["facts"]["frames"])
@@ -235,9 +280,8 @@ def _plane(path: Path, index: int) -> npt.NDArray[np.uint16]:
     with path.open("rb") as file:
         header = fits.Header.fromfile(file)
         shape = int(header["NAXIS2"]), int(header["NAXIS1"])
-        n_byte = 2 * shape[0] * shape[1]
-        file.seek(index * n_byte, os.SEEK_CUR)
-        data = file.read(n_byte)
-    if len(data) < n_byte:
-        raise OSError(f"{path}: is shorter than its journal says")
-    return (np.frombuffer(data, ">i2").astype(np.int32) + int(header["BZERO"])).astype(np.uint16).reshape(shape)
+        n_pixel = shape[0] * shape[1]
+        data = np.fromfile(file, ">i2", n_pixel, offset=2 * index * n_pixel)
+    if len(data) < n_pixel:
+        raise OSError(f"{path}: is shorter than its run says")
+    return (data.astype(np.int32) + int(header["BZERO"])).astype(np.uint16).reshape(shape)
