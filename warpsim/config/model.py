@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import difflib
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar, dataclass_transform
 
-from pydantic import ConfigDict, Field, Tag, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, Tag, TypeAdapter, ValidationError, model_validator
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 from pydantic.dataclasses import rebuild_dataclass
 from pydantic_core import ErrorDetails
@@ -60,6 +61,28 @@ def exactly_one(part: object, *names: str) -> None:
     """Check that a config model has exactly one of some fields; InputError otherwise."""
     if sum(getattr(part, name) is not None for name in names) != 1:
         raise InputError("exactly one must be given", ", ".join(names))
+
+
+def one_of(*names: str) -> Any:
+    """Return the validator of a config model that has exactly one of some fields."""
+
+    def check(part: Any) -> Any:
+        exactly_one(part, *names)
+        return part
+
+    return model_validator(mode="after")(check)
+
+
+def parts_with_files(part: Any) -> Iterator[tuple[Any, list[str]]]:
+    """Yield the config models in a config model, or in a tuple of some, that name files, with the paths of these."""
+    if isinstance(part, tuple):
+        for item in part:
+            yield from parts_with_files(item)
+    elif is_dataclass(part):
+        if paths := [path for path in (getattr(part, "file", None), *(getattr(part, "files", None) or ())) if path]:
+            yield part, paths
+        for field in fields(part):
+            yield from parts_with_files(getattr(part, field.name))
 
 
 def choice(tag: str) -> Tag:

@@ -1,8 +1,9 @@
-"""Attitudes of the targets of a scene."""
+"""Attitudes of the targets of a scene, and tables of attitudes and temperatures."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, Literal
 
 from warpsim.errors import errors_at
 from warpsim.instant import Instant
@@ -12,6 +13,7 @@ from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.attitude import BodyMotion, attitude_frame
 from warpsim.target.attitude_table import AttitudeRows, AttitudeTable
+from warpsim.target.temperature import TemperatureTable
 from warpsim.target.torque_free import TorqueFree, TorqueFreeMotion
 
 AnyAttitude = BodyMotion | AttitudeRows | TorqueFreeMotion
@@ -23,7 +25,7 @@ def target_attitudes(
     tables: dict[tuple[int, int], AttitudeRows],
     seed: int,
 ) -> list[AnyAttitude]:
-    """Return the attitude motion of each single target; those of one entry share their table (attitude_tables)."""
+    """Return the attitude motion of each single target; those of one entry share their table (timed_tables)."""
     found: list[AnyAttitude] = []
     for number, target in enumerate(targets):
         attitude = target.spec.attitude
@@ -41,16 +43,20 @@ def target_attitudes(
     return found
 
 
-def attitude_tables(
-    groups: Sequence[TargetGroup], epoch: Instant, duration_s: float, with_files: bool = True
-) -> dict[tuple[int, int], AttitudeRows]:
-    """Return the tables of attitudes by the indices of group and entry, checked to cover what there is in a scene."""
-    rows = {}
+def timed_tables(
+    groups: Sequence[TargetGroup],
+    field: Literal["attitude", "temperature"],
+    epoch: Instant,
+    duration_s: float,
+    with_files: bool = True,
+) -> dict[tuple[int, int], Any]:
+    """Return the tables of attitudes, or of temperatures, by group and entry, checked to cover the scene."""
+    rows: dict[tuple[int, int], Any] = {}
     for number, (path, group) in enumerate(with_paths("groups", groups)):
         for entry, spec in enumerate(group.targets):
-            table = spec.attitude
-            if isinstance(table, AttitudeTable) and (with_files or table.file is None):
-                with errors_at(path), errors_at(f"targets[{entry}].attitude"):
+            table = getattr(spec, field)
+            if isinstance(table, AttitudeTable | TemperatureTable) and (with_files or table.file is None):
+                with errors_at(path), errors_at(f"targets[{entry}].{field}"):
                     rows[number, entry] = table.rows(epoch)
                     rows[number, entry].check_span(*within_scene(group.span_s, duration_s))
     return rows

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
 
+from warpsim.config.model import parts_with_files
 from warpsim.detector.artifacts import hit_area
 from warpsim.detector.levels import levels
 from warpsim.errors import InputError, errors_at
@@ -19,7 +19,7 @@ from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, S
 from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, SHIPPED
-from warpsim.scene.attitudes import attitude_tables, within_scene
+from warpsim.scene.attitudes import timed_tables, within_scene
 from warpsim.scene.background import Background
 from warpsim.scene.band_descriptions import (
     BandDescription,
@@ -37,7 +37,6 @@ from warpsim.scene.pointing_program import entry_path, make_program, tracked_tar
 from warpsim.scene.sensors import Frames, Sensor, sensor_instances
 from warpsim.scene.short_form import item_path, with_paths
 from warpsim.scene.targets import SceneTarget, with_values
-from warpsim.scene.temperatures import temperature_tables
 from warpsim.target.mesh import Mesh
 from warpsim.target.patches import patch_areas
 from warpsim.target.surface import Graybody
@@ -45,13 +44,7 @@ from warpsim.target.surface import Graybody
 
 def reads_file(part: Any) -> bool:
     """Return whether a part of a description names a file that must be read to know its names."""
-    if isinstance(part, tuple):
-        return any(reads_file(item) for item in part)
-    if not is_dataclass(part):
-        return False
-    if any(getattr(part, name, None) for name in ("file", "files")):
-        return True
-    return any(reads_file(getattr(part, field.name)) for field in fields(part))
+    return any(True for _ in parts_with_files(part))
 
 
 def known_names(path: Any) -> list[str] | None:
@@ -234,8 +227,8 @@ def check_targets(groups: Sequence[TargetGroup], sensors: Sequence[Sensor], epoc
                 for value in distribution.extremes:
                     with errors_at(path), errors_at(f"targets[{entry}].spread"):
                         with_values(spec, {field: value})
-    attitude_tables(groups, instant(epoch_utc), duration_s, with_files=False)
-    temperature_tables(groups, instant(epoch_utc), duration_s, with_files=False)
+    timed_tables(groups, "attitude", instant(epoch_utc), duration_s, with_files=False)
+    timed_tables(groups, "temperature", instant(epoch_utc), duration_s, with_files=False)
 
 
 def check_pointing(

@@ -20,7 +20,7 @@ from warpsim.config.fields import (
     rule_error,
     whole_path,
 )
-from warpsim.config.model import config_model, exactly_one
+from warpsim.config.model import config_model, one_of
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, name_among
@@ -55,10 +55,7 @@ class SyntheticStars:
     sky: Literal["astrometric", "infrared"] = "astrometric"
     seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
 
-    @model_validator(mode="after")
-    def _one_size(self) -> SyntheticStars:
-        exactly_one(self, "n_star", "limit_jy")
-        return self
+    _one_size = one_of("n_star", "limit_jy")
 
 
 def _column_names(value: Any) -> FixedMapping[str]:

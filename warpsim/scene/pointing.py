@@ -20,7 +20,7 @@ from warpsim.config.fields import (
     closed_interval,
     rule_error,
 )
-from warpsim.config.model import config_model, exactly_one
+from warpsim.config.model import config_model, exactly_one, one_of
 from warpsim.errors import InputError
 from warpsim.quaternion import rotated
 from warpsim.scene.groups import kind_or
@@ -98,10 +98,7 @@ class Bias:
     rms_urad: Annotated[NonNegative, closed_interval(0, 1e5)] | None = None
     urad: Pixels | None = None
 
-    @model_validator(mode="after")
-    def _one(self) -> Bias:
-        exactly_one(self, "rms_urad", "urad")
-        return self
+    _one = one_of("rms_urad", "urad")
 
 
 @config_model
@@ -119,10 +116,7 @@ class Drift:
     urad_s: Pixels | None = None
     reset_s: Annotated[Positive, closed_interval(1e-3, 1e9)] | None = None
 
-    @model_validator(mode="after")
-    def _one(self) -> Drift:
-        exactly_one(self, "rms_urad_s", "urad_s")
-        return self
+    _one = one_of("rms_urad_s", "urad_s")
 
 
 @config_model
@@ -191,10 +185,7 @@ class FixedPointing(_AnyPointing):
     azimuth_elevation_deg: Direction | None = None
     kind: Literal["fixed"] = Field(default="fixed", kw_only=True)
 
-    @model_validator(mode="after")
-    def _one_direction(self) -> FixedPointing:
-        exactly_one(self, "ra_dec_deg", "azimuth_elevation_deg")
-        return self
+    _one_direction = one_of("ra_dec_deg", "azimuth_elevation_deg")
 
 
 @config_model

@@ -11,12 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2, SOLAR_CONSTANT_W_M2
-from warpsim.errors import InputError
-from warpsim.instant import Instant
+from warpsim.errors import errors_at
 from warpsim.orbit.eclipse import eclipses
 from warpsim.orbit.track import TrackStack
 from warpsim.scene.attitudes import AnyAttitude, within_scene
-from warpsim.scene.groups import TargetGroup, TargetSpec
+from warpsim.scene.groups import TargetSpec
 from warpsim.scene.short_form import item_path
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
@@ -81,13 +80,11 @@ def target_temperatures(
         else:
             begin_s = min(max(begin_s, target.release_s), end_s)
             coefficients = _coefficients(spec, bands)
-            try:
+            path = item_path("groups", target.group, n_group)
+            with errors_at(path), errors_at(f"targets[{target.entry}].temperature"):
                 for start in range(first, first + len(members), BODIES_AT_ONCE):
                     some = attitudes[start : min(start + BODIES_AT_ONCE, first + len(members))]
                     found += _balanced(_Run(spec, coefficients, tracks, start, some, (begin_s, end_s)))
-            except InputError as error:
-                path = item_path("groups", target.group, n_group)
-                raise error.within(f"targets[{target.entry}].temperature").within(path) from None
     return found
 
 
@@ -153,21 +150,3 @@ def _tabulated(area: RotatingArea, n_body: int, run: _Run) -> RotatingArea | Ste
     node_s = np.linspace(start_s, end_s, 2 + int(area.span_s // SUN_STEP_S))
     sun_m = run.tracks.sun.position_at_m(node_s)
     return steady_area(area, n_body, node_s, sun_m / np.linalg.norm(sun_m, axis=-1, keepdims=True))
-
-
-def temperature_tables(
-    groups: Sequence[TargetGroup], epoch: Instant, duration_s: float, with_files: bool = True
-) -> dict[tuple[int, int], TemperatureRows]:
-    """Return the checked tables of temperatures, by the indices of group and entry."""
-    tables = {}
-    for number, group in enumerate(groups):
-        for entry, spec in enumerate(group.targets):
-            model = spec.temperature
-            if isinstance(model, TemperatureTable) and (with_files or model.file is None):
-                try:
-                    tables[number, entry] = model.rows(epoch)
-                    tables[number, entry].check_span(*within_scene(group.span_s, duration_s))
-                except InputError as error:
-                    path = item_path("groups", number, len(groups))
-                    raise error.within(f"targets[{entry}].temperature").within(path) from None
-    return tables

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import weakref
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.config.model import parts_with_files
 from warpsim.errors import InputError
 from warpsim.instant import Instant
 from warpsim.orbit.earth import pole_of_date
@@ -152,7 +153,8 @@ def build_tracks(
     """
     motion = motion_of(constellation, groups, epoch, duration_s, seed)
     names = (*constellation.names, *(target.name for target in targets))
-    checksums = tuple(_checksum(path) for path in (constellation, *(group.path for group in groups)))
+    paths = (constellation, *(group.path for group in groups))
+    checksums = tuple(part.checksum for part, _ in parts_with_files(paths))
     key = (motion, names, checksums)
     known = _KNOWN.get(key)
     if known is not None:
@@ -209,14 +211,3 @@ class _Presence:
         counted_s[:, 0] = np.maximum(counted_s[:, 0], release_s)
         changes = bool((release_s > 0).any() or np.isfinite(counted_s).any())
         return cls(np.array(carrier, dtype=np.int64), release_s, exists_s, counted_s, changes)
-
-
-def _checksum(path: object) -> object:
-    """Checksum of the files that a path was read from, including its parts."""
-    if isinstance(path, tuple):
-        return tuple(_checksum(item) for item in path)
-    if not hasattr(path, "__dataclass_fields__"):
-        return None
-    reads = any(getattr(path, name, None) for name in ("file", "files"))
-    own = getattr(path, "checksum", None) if reads else None
-    return (own, *(_checksum(getattr(path, field.name)) for field in fields(path)))  # type: ignore[arg-type]
