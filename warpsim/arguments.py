@@ -1,4 +1,7 @@
-"""Arguments of functions: numbers, or astropy quantities converted to a unit, and names."""
+"""Arguments of functions: numbers, or astropy quantities converted to a unit, and names.
+
+Each function raises an InputError that names the argument if its value is not what is asked for.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +18,7 @@ from warpsim.errors import NO_VALUE, InputError
 
 
 def plain_array(value: Any, unit: str, where: str) -> npt.NDArray[np.float64]:
-    """Numbers in a unit, any shape, NaN included.
-
-    Args:
-        value: Numbers, taken to be in the unit, or a Quantity.
-        unit: Of the result.
-        where: Name of the argument, for messages.
-
-    Raises:
-        InputError: They are no numbers, or cannot be converted to the unit.
-    """
+    """Numbers in a unit, any shape, NaN included; plain ones are taken to be in it."""
     if hasattr(value, "unit") and hasattr(value, "to_value"):
         try:
             value = value.to_value(unit)
@@ -37,27 +31,14 @@ def plain_array(value: Any, unit: str, where: str) -> npt.NDArray[np.float64]:
 
 
 def plain_number(value: Any, unit: str, where: str) -> float:
-    """One number in a unit; NaN is one.
-
-    Args:
-        value: A number, taken to be in the unit, or a Quantity.
-        unit: Of the result.
-        where: Name of the argument, for messages.
-
-    Raises:
-        InputError: It is no number, or cannot be converted to the unit.
-    """
+    """One number in a unit; NaN is one."""
     if value is None or isinstance(value, bool | str) or np.ndim(value) != 0:
         raise InputError("must be a number", where, value)
     return float(plain_array(value, unit, where))
 
 
 def finite_number(what: str, value: Any) -> float:
-    """A finite number without unit.
-
-    Raises:
-        InputError: It is none.
-    """
+    """A finite number without unit."""
     number = plain_number(value, "", what)
     if not np.isfinite(number):
         raise InputError("must be finite", what, value)
@@ -70,11 +51,7 @@ def times_s(value: Any) -> npt.NDArray[np.float64]:
 
 
 def chosen_names(what: str, names: Sequence[str] | None, known: list[str]) -> list[str]:
-    """Names as a list, in the order given; all known ones for None, a single name as a list of one.
-
-    Raises:
-        InputError: There are none, or one is unknown.
-    """
+    """Names as a list, in the order given; all known ones for None, a single name as a list of one."""
     if names is None:
         return known
     if not isinstance(names, str | Sequence):
@@ -90,22 +67,14 @@ def chosen_names(what: str, names: Sequence[str] | None, known: list[str]) -> li
 
 
 def whole_number(what: str, value: Any, least: int) -> int:
-    """A whole number that is not smaller than asked for.
-
-    Raises:
-        InputError: It is none.
-    """
+    """A whole number that is not smaller than asked for."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise InputError(f"must be a whole number >= {least}", what, value)
     return int(value)
 
 
 def above_zero(what: str, value: Any) -> float:
-    """A finite number above 0.
-
-    Raises:
-        InputError: It is none.
-    """
+    """A finite number above 0."""
     kinds = int | float | np.integer | np.floating
     if isinstance(value, bool) or not isinstance(value, kinds) or not 0 < value < np.inf:
         raise InputError("must be a number above 0", what, value)
@@ -123,9 +92,6 @@ def check_memory(n_byte: float, what: str, field: str = "", value: Any = NO_VALU
     """Check that this process can take so many bytes more, before work that needs them begins.
 
     Where the system does not say how many it can, as only Linux does here, nothing is checked.
-
-    Raises:
-        InputError: It cannot.
     """
     free = free_bytes()
     if n_byte > free:

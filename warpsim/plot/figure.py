@@ -66,12 +66,12 @@ def need_matplotlib(where: str) -> None:
         raise InputError("needs matplotlib, which the extra `plot` brings: pip install 'warpsim[plot]'").of(where)
 
 
-def new_axes(width: float, height: float) -> Axes:
-    """Return the axes of a new pyplot figure [inch]."""
+def new_axes(width: float, height: float, n_row: int = 1, n_col: int = 1) -> Any:
+    """Return the axes of a new pyplot figure [inch]; an array of them for several."""
     need_matplotlib("plot")
     from matplotlib import pyplot as plt
 
-    return plt.subplots(figsize=(width, height), layout="constrained")[1]
+    return plt.subplots(n_row, n_col, figsize=(width, height), layout="constrained")[1]
 
 
 def save_figure(figure: Any, path: Path) -> None:

@@ -92,24 +92,16 @@ class SceneDescription:
 
     def to_dict(self) -> dict[str, Any]:
         """Return nested dicts and lists of plain values, without what is None; `from_dict` gives an equal scene."""
-        plain: dict[str, Any] = adapter(type(self)).dump_python(self, mode="json", by_alias=True)
-        left_out = {"band": not self.band, "background": self.background == Background()}
-        return {
-            name: _without_none(value) for name, value in plain.items() if value is not None and not left_out.get(name)
-        }
+        left_out = {name for name, value in (("band", self.band), ("background", self.background.is_on)) if not value}
+        plain: dict[str, Any] = adapter(type(self)).dump_python(
+            self, mode="json", by_alias=True, exclude=left_out, exclude_none=True
+        )
+        return plain
 
     @staticmethod
     def shortened_path(values: dict[str, Any]) -> Any:
         """Return the function that shortens field paths in errors."""
         return shortened(values)
-
-
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list | tuple):
-        return [_without_none(item) for item in value]
-    return value
 
 
 def _check_bounds(

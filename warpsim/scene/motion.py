@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.errors import InputError, errors_at
+from warpsim.errors import errors_at
 from warpsim.instant import Instant, instant_after
 from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, Propagator, states_of
 from warpsim.orbit.earth import pole_of_date
@@ -145,7 +145,7 @@ def _states_of(
 
 
 def release_velocities(
-    main_velocity_m_s: npt.ArrayLike, n: int, speed_m_s: tuple[float, float], seed: int, group: int = 0
+    main_velocity_m_s: F64, n: int, speed_m_s: tuple[float, float], seed: int, group: int = 0
 ) -> F64:
     """Return inertial velocities of released targets [m/s], shape (n, 3).
 
@@ -153,24 +153,14 @@ def release_velocities(
     group: 2 to 5 m/s). Target i uses numbers 3i to 3i + 2 of the seed's stream for the group's releases, so a larger
     group begins with the smaller one.
     """
-    main = np.asarray(main_velocity_m_s, np.float64)
-    if main.shape != (3,) or not np.isfinite(main).all():
-        raise InputError("must be a finite 3-vector", "main_velocity_m_s", main.tolist())
-    if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 0:
-        raise InputError("must be a whole number >= 0", "n", n)
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
-        raise InputError("must be a whole number in 0..2^64 - 1", "seed", seed)
-    low, high = (float(value) for value in speed_m_s)
-    if not (math.isfinite(high) and 0.0 <= low <= high):
-        raise InputError("must be two numbers with 0 <= low <= high", "speed_m_s", speed_m_s)
-
-    uniform = uniforms(int(seed), "group release", group, 3 * int(n)).reshape(int(n), 3)
+    low, high = speed_m_s
+    uniform = uniforms(seed, "group release", group, 3 * n).reshape(n, 3)
     z = 2.0 * uniform[:, 0] - 1.0  # equal areas in z: isotropic
     azimuth = 2.0 * math.pi * uniform[:, 1]
     speed = low + (high - low) * uniform[:, 2]
     across = np.sqrt(1.0 - z * z)
     direction = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], axis=1)
-    return np.asarray(main + speed[:, None] * direction)
+    return np.asarray(main_velocity_m_s + speed[:, None] * direction)
 
 
 def breakpoints_s(

@@ -128,9 +128,6 @@ def make_program(
             if ALL not in pointing.on and all(index in taken for index in chosen):
                 raise InputError("must choose a satellite that no entry before it does", "on", list(pointing.on))
             taken |= {index: number for index in chosen if index not in taken}
-    for index, (name, _) in enumerate(sensors):
-        if index not in taken:
-            raise InputError(f"must say where every sensor looks, got nothing for {name}", "pointing")
     maker = _Maker(camera, targets, groups, known, [], epoch)
     made: dict[int, SensorProgram] = {}
     for number, pointing in enumerate(pointings):

@@ -165,7 +165,11 @@ def to_toml(data: dict[str, Any]) -> str:
 
 def _table_lines(table: dict[str, Any], heading: str) -> list[str]:
     """Lines of one table: first its single-line values, then its tables."""
-    parts = {key: value for key, value in table.items() if _is_table(value) and not (heading and _fits(key, value))}
+
+    def fits(key: str, value: Any) -> bool:
+        return bool(heading) and len(key) + len(_toml_value(value)) <= WIDTH
+
+    parts = {key: value for key, value in table.items() if _is_table(value) and not fits(key, value)}
     lines = [f"{_toml_key(key)} = {_toml_value(value)}" for key, value in table.items() if key not in parts]
     for key, value in parts.items():
         name = f"{heading}.{_toml_key(key)}" if heading else _toml_key(key)
@@ -174,10 +178,6 @@ def _table_lines(table: dict[str, Any], heading: str) -> list[str]:
         else:
             lines += [line for item in value for line in ("", f"[[{name}]]", *_table_lines(item, name))]
     return lines
-
-
-def _fits(key: str, value: Any) -> bool:
-    return len(key) + len(_toml_value(value)) <= WIDTH
 
 
 def _is_table(value: Any) -> bool:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2, SOLAR_CONSTANT_W_M2
+from warpsim.directions import normalised
 from warpsim.errors import errors_at
 from warpsim.orbit.eclipse import eclipses
 from warpsim.orbit.track import TrackStack
@@ -36,20 +36,6 @@ ECLIPSE_STEP_S = 10.0
 """Step of the scan for eclipses of the first of them, at whose ends steps end too."""
 SUN_STEP_S = 7200.0
 """Between these the Sun's direction is linear to 1e-6 rad."""
-
-
-@dataclass(frozen=True)
-class _Run:
-    """Targets of one description, integrated side by side."""
-
-    spec: TargetSpec
-    coefficients: tuple[float, float]
-    """Solar absorptance and infrared emissivity, where the description leaves them out."""
-    tracks: Tracks
-    first: int
-    attitudes: Sequence[AnyAttitude]
-    span_s: tuple[float, float]
-    """Start and end of the temperature history [s]."""
 
 
 def target_temperatures(
@@ -84,7 +70,7 @@ def target_temperatures(
             with errors_at(path), errors_at(f"targets[{target.entry}].temperature"):
                 for start in range(first, first + len(members), BODIES_AT_ONCE):
                     some = attitudes[start : min(start + BODIES_AT_ONCE, first + len(members))]
-                    found += _balanced(_Run(spec, coefficients, tracks, start, some, (begin_s, end_s)))
+                    found += _balanced(spec, coefficients, tracks, start, some, begin_s, end_s)
     return found
 
 
@@ -97,22 +83,31 @@ def _coefficients(spec: TargetSpec, bands: Sequence[str]) -> tuple[float, float]
     return float(absorptance), float(emissivity)
 
 
-def _balanced(run: _Run) -> list[TemperatureRows]:
-    """Return the temperature histories of targets with a heat balance."""
-    model, tracks, n_body = run.spec.temperature, run.tracks, len(run.attitudes)
+def _balanced(
+    spec: TargetSpec,
+    coefficients: tuple[float, float],
+    tracks: Tracks,
+    first: int,
+    attitudes: Sequence[AnyAttitude],
+    start_s: float,
+    end_s: float,
+) -> list[TemperatureRows]:
+    """Return the temperature histories of targets of one description, from the first on, integrated side by side."""
+    model, n_body = spec.temperature, len(attitudes)
     assert isinstance(model, HeatBalance)
-    start_s, end_s = run.span_s
-    own = tracks.targets[run.first : run.first + n_body]
+    own = tracks.targets[first : first + n_body]
     stack, pole = TrackStack(own), tracks.pole_icrs
-    node = lumped_node(model, run.spec.shape.surface_m2, run.coefficients)
-    attitudes: Any = run.attitudes[0] if isinstance(run.attitudes[0], AttitudeRows) else run.attitudes
-    area = RotatingArea(run.spec.shape, attitudes, end_s - start_s)
-    projected = _tabulated(area, n_body, run)
+    node = lumped_node(model, spec.shape.surface_m2, coefficients)
+    turned: Any = attitudes[0] if isinstance(attitudes[0], AttitudeRows) else attitudes
+    area = RotatingArea(spec.shape, turned, end_s - start_s)
+    projected: RotatingArea | SteadyArea = area
+    if area.is_steady:  # only means over turns matter: tabulated along the Sun's path
+        node_s = np.linspace(start_s, end_s, 2 + int(area.span_s // SUN_STEP_S))
+        projected = steady_area(area, n_body, node_s, normalised(tracks.sun.position_at_m(node_s)))
 
     def directions(time_s: F64) -> tuple[F64, F64, F64]:
         position, sun = stack.positions_m(time_s), tracks.sun.position_at_m(time_s)
-        to_sun = sun - position
-        return position, sun, to_sun / np.linalg.norm(to_sun, axis=-1, keepdims=True)
+        return position, sun, normalised(sun - position)
 
     def absorbed_w(time_s: F64) -> F64:
         position, sun, to_sun = directions(time_s)
@@ -140,13 +135,3 @@ def _balanced(run: _Run) -> list[TemperatureRows]:
         TemperatureRows(time_s, row, history.error_k, float(ripple))
         for row, ripple in zip(kelvin, ripple_k, strict=True)
     ]
-
-
-def _tabulated(area: RotatingArea, n_body: int, run: _Run) -> RotatingArea | SteadyArea:
-    """Tabulate the area along the Sun's path if only means over turns matter."""
-    if not area.is_steady:
-        return area
-    start_s, end_s = run.span_s
-    node_s = np.linspace(start_s, end_s, 2 + int(area.span_s // SUN_STEP_S))
-    sun_m = run.tracks.sun.position_at_m(node_s)
-    return steady_area(area, n_body, node_s, sun_m / np.linalg.norm(sun_m, axis=-1, keepdims=True))
