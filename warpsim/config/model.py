@@ -129,7 +129,8 @@ def _one_error(detail: ErrorDetails, positional: Sequence[str], shorten: Callabl
     elif kind == "union_tag_not_found":
         path, rule, value = f"{path}.kind" if path else "kind", "is required", NO_VALUE
     elif kind in ("unexpected_keyword_argument", "extra_forbidden"):
-        rule, value = _unknown_field(str(detail["loc"][-1])), NO_VALUE
+        name, value = str(detail["loc"][-1]), NO_VALUE
+        rule = f"is not a known field{' here (other parts have it)' if name in _FIELD_NAMES else nearest_field(name)}"
     elif kind == "union_tag_invalid":
         path, rule, value = f"{path}.kind", f"must be one of {context.get('expected_tags')}", context.get("tag")
     elif kind == "literal_error":
@@ -153,13 +154,6 @@ def _path(location: Location, positional: Sequence[str], shorten: Callable[[Loca
     for item in shorten(tuple(kept)):
         text += f"[{item}]" if isinstance(item, int) else f".{item}" if text else item
     return text
-
-
-def _unknown_field(name: str) -> str:
-    """The rule for a field that a config model does not have."""
-    if name in _FIELD_NAMES:
-        return "is not a known field here (other parts have it)"
-    return f"is not a known field{nearest_field(name)}"
 
 
 def nearest_field(name: str) -> str:

@@ -95,18 +95,14 @@ class BandDescription:
             raise InputError("belongs to file", "column")
         if self.files is not None and not self.files:
             raise InputError("must name at least one", "files")
-        if self.shipped is not None:
-            self._check_shipped(self.shipped)
+        if self.shipped is not None and self.shipped not in SHIPPED:
+            raise InputError(unknown_rule(self.shipped, {}), "shipped", self.shipped)
+        for name in ("per_photon", *_POINTS):
+            if self.shipped is not None and getattr(self, name):
+                raise InputError("must be left out with shipped, which has its own", name)
         if not self.paths:
             self.band("band")  # a response that is none is found here
         return self
-
-    def _check_shipped(self, shipped: str) -> None:
-        if shipped not in SHIPPED:
-            raise InputError(unknown_rule(shipped, {}), "shipped", shipped)
-        for name in ("per_photon", *_POINTS):
-            if getattr(self, name):
-                raise InputError("must be left out with shipped, which has its own", name)
 
     @staticmethod
     def fields_of(band: Band) -> dict[str, Any]:

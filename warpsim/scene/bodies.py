@@ -8,14 +8,13 @@ from typing import Any
 from warpsim.errors import InputError, errors_at
 from warpsim.instant import Instant, instant
 from warpsim.radiometry.band import Band
-from warpsim.scene.attitudes import AnyAttitude, target_attitudes, timed_tables
 from warpsim.scene.band_descriptions import find_band
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.left_out import without_lost_satellites
 from warpsim.scene.motion import breakpoints_s
 from warpsim.scene.sensors import sensor_instances
+from warpsim.scene.target_histories import AnyAttitude, target_attitudes, target_temperatures, timed_tables
 from warpsim.scene.targets import SceneTarget, scene_targets
-from warpsim.scene.temperatures import target_temperatures
 from warpsim.scene.tracks import Tracks, build_tracks
 from warpsim.target.temperature import TemperatureRows
 

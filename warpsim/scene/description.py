@@ -98,10 +98,7 @@ class SceneDescription:
         )
         return plain
 
-    @staticmethod
-    def shortened_path(values: dict[str, Any]) -> Any:
-        """Return the function that shortens field paths in errors."""
-        return shortened(values)
+    shortened_path = staticmethod(shortened)
 
 
 def _check_bounds(

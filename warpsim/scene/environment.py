@@ -110,14 +110,10 @@ class Sky:
     light_deflection: Switch = False
 
     @model_validator(mode="after")
-    def _table_is_named(self) -> Sky:
+    def _catalog_is_described(self) -> Sky:
         # Not by the field's type: a union has an error for each of its types, and "table" is a tag of others.
         if isinstance(self.table, bool) or not isinstance(self.table, int | str | None):
             raise InputError("must be a name or a whole number", "table", self.table)
-        return self
-
-    @model_validator(mode="after")
-    def _synthetic_is_described(self) -> Sky:
         if (self.catalog == "synthetic") != (self.synthetic is not None):
             raise InputError('must be given with catalog = "synthetic", and only then', "synthetic")
         if self.catalog in BUILT_IN_CATALOGS:

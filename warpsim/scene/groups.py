@@ -33,11 +33,7 @@ SPREAD_PARTS = ("shape", "surface", "temperature", "attitude")
 
 def of_kind(kind: str) -> Callable[[Any], Any]:
     """Return a validator that names the kind of tables that do not say theirs."""
-
-    def name_kind(value: Any) -> Any:
-        return {"kind": kind, **value} if isinstance(value, dict) else value
-
-    return name_kind
+    return lambda value: {"kind": kind, **value} if isinstance(value, dict) else value
 
 
 def kind_or(kind: str) -> Discriminator:
@@ -141,16 +137,12 @@ class TargetSpec:
     patches: Annotated[tuple[Patch, ...], BeforeValidator(as_tuple)] = ()
 
     @model_validator(mode="after")
-    def _spread_parts(self) -> TargetSpec:
+    def _parts_fit(self) -> TargetSpec:
         for field in self.spread or ():
             part, _, leaf = field.partition(".")
             if part not in SPREAD_PARTS or not leaf:
                 allowed = ", ".join(f"{name}.*" for name in SPREAD_PARTS)
                 raise InputError(f"must name fields among {allowed}", "spread", field)
-        return self
-
-    @model_validator(mode="after")
-    def _patches_fit(self) -> TargetSpec:
         check_patches(self.shape, self.patches)
         return self
 

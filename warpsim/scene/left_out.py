@@ -9,10 +9,10 @@ from warpsim.errors import errors_at
 from warpsim.instant import Instant, instant_after
 from warpsim.orbit.constellations import invalid_sets, without_lost
 from warpsim.orbit.element_catalog import LeftOut
-from warpsim.scene.attitudes import within_scene
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.motion import MARGIN_S
 from warpsim.scene.short_form import with_paths
+from warpsim.scene.target_histories import within_scene
 
 if TYPE_CHECKING:
     from astropy.table import Table

@@ -117,7 +117,8 @@ def turn_between(
     vector = rotation_vectors(before(np.array([start_s])), after(np.array([start_s])))[0]
     x, y, z = vector
     angle = float(np.linalg.norm(vector))
-    duration_s = _shortest_s(angle, rate, acceleration)
+    whole = angle > rate * rate / acceleration  # from rest to rest, at the greatest rate between
+    duration_s = angle / rate + rate / acceleration if whole else 2.0 * math.sqrt(angle / acceleration)
     ramp = 0.5
     for _ in range(_MOST_ROUNDS):
         if start_s + (duration_s + slew.settle_s) > end_s:  # as a turn counts it
@@ -144,13 +145,6 @@ def turn_between(
         f"the tracked direction turns faster than max_rate_deg_s ({slew.max_rate_deg_s:g}) or max_acceleration_deg_s2 "
         f"({slew.max_acceleration_deg_s2:g}) allow after {start_s:g} s"
     )
-
-
-def _shortest_s(angle: float, rate: float, acceleration: float) -> float:
-    """Time that a turn from rest to rest takes [s]."""
-    if angle <= rate * rate / acceleration:
-        return 2.0 * math.sqrt(angle / acceleration)
-    return angle / rate + rate / acceleration
 
 
 def _measured(axes: F64, duration_s: float) -> tuple[float, float]:

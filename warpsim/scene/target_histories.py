@@ -1,10 +1,10 @@
-"""Temperatures of the targets of a scene."""
+"""Histories of the targets of a scene: how they turn, and their temperatures."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -12,19 +12,21 @@ import numpy.typing as npt
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2, SOLAR_CONSTANT_W_M2
 from warpsim.directions import normalised
 from warpsim.errors import errors_at
+from warpsim.instant import Instant
 from warpsim.orbit.eclipse import eclipses
 from warpsim.orbit.track import TrackStack
-from warpsim.scene.attitudes import AnyAttitude, within_scene
-from warpsim.scene.groups import TargetSpec
-from warpsim.scene.short_form import item_path
+from warpsim.scene.groups import TargetGroup, TargetSpec
+from warpsim.scene.short_form import item_path, with_paths
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
-from warpsim.target.attitude_table import AttitudeRows
+from warpsim.target.attitude import BodyMotion, attitude_frame
+from warpsim.target.attitude_table import AttitudeRows, AttitudeTable
 from warpsim.target.cooling import ThermalNodes, integrate
 from warpsim.target.heat_balance import lumped_node, surface_coefficients
 from warpsim.target.patches import patch_areas
 from warpsim.target.rotating_area import RotatingArea, SteadyArea, steady_area
 from warpsim.target.temperature import HeatBalance, Temperature, TemperatureRows, TemperatureTable
+from warpsim.target.torque_free import TorqueFree, TorqueFreeMotion
 
 F64 = npt.NDArray[np.float64]
 
@@ -36,6 +38,56 @@ ECLIPSE_STEP_S = 10.0
 """Step of the scan for eclipses of the first of them, at whose ends steps end too."""
 SUN_STEP_S = 7200.0
 """Between these the Sun's direction is linear to 1e-6 rad."""
+
+AnyAttitude = BodyMotion | AttitudeRows | TorqueFreeMotion
+
+
+def target_attitudes(
+    targets: Sequence[SceneTarget],
+    tracks: Tracks,
+    tables: dict[tuple[int, int], AttitudeRows],
+    seed: int,
+) -> list[AnyAttitude]:
+    """Return the attitude motion of each single target; those of one entry share their table (timed_tables)."""
+    found: list[AnyAttitude] = []
+    for number, target in enumerate(targets):
+        attitude = target.spec.attitude
+        if isinstance(attitude, AttitudeTable):
+            found.append(tables[target.group, target.entry])
+            continue
+        if isinstance(attitude, TorqueFree):
+            found.append(attitude.motion(seed, number))
+            continue
+        first_s, last_s = target.exists_s
+        begin_s = max(0.0, first_s, min(target.release_s, last_s))  # some are gone before their release
+        velocity_m_s = tracks.targets[number].state(begin_s)[1]
+        with errors_at("", target.name), errors_at("attitude"):
+            found.append(BodyMotion(attitude, attitude_frame(attitude, velocity_m_s, seed, number)))
+    return found
+
+
+def timed_tables(
+    groups: Sequence[TargetGroup],
+    field: Literal["attitude", "temperature"],
+    epoch: Instant,
+    duration_s: float,
+    with_files: bool = True,
+) -> dict[tuple[int, int], Any]:
+    """Return the tables of attitudes, or of temperatures, by group and entry, checked to cover the scene."""
+    rows: dict[tuple[int, int], Any] = {}
+    for number, (path, group) in enumerate(with_paths("groups", groups)):
+        for entry, spec in enumerate(group.targets):
+            table = getattr(spec, field)
+            if isinstance(table, AttitudeTable | TemperatureTable) and (with_files or table.file is None):
+                with errors_at(path), errors_at(f"targets[{entry}].{field}"):
+                    rows[number, entry] = table.rows(epoch)
+                    rows[number, entry].check_span(*within_scene(group.span_s, duration_s))
+    return rows
+
+
+def within_scene(span_s: tuple[float, float], duration_s: float) -> tuple[float, float]:
+    """Return the part of a span that lies within a scene [s]."""
+    return max(0.0, span_s[0]), min(duration_s, span_s[1])
 
 
 def target_temperatures(
