@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.errors import NO_VALUE, InputError
+from warpsim.errors import InputError
 
 
 def plain_array(value: Any, unit: str, where: str) -> npt.NDArray[np.float64]:
@@ -88,7 +88,7 @@ def frame_numbers(frames: Sequence[int] | npt.NDArray[np.int64]) -> npt.NDArray[
     return np.asarray(frames, dtype=np.int64)
 
 
-def check_memory(n_byte: float, what: str, field: str = "", value: Any = NO_VALUE) -> None:
+def check_memory(n_byte: float, what: str) -> None:
     """Check that this process can take so many bytes more, before work that needs them begins.
 
     Where the system does not say how many it can, as only Linux does here, nothing is checked.
@@ -96,7 +96,7 @@ def check_memory(n_byte: float, what: str, field: str = "", value: Any = NO_VALU
     free = free_bytes()
     if n_byte > free:
         rule = f"{what} would take {n_byte / 2**30:.2g} GB of memory, and {max(free, 0.0) / 2**30:.2g} GB are free"
-        raise InputError(rule, field, value)
+        raise InputError(rule)
 
 
 def free_bytes() -> float:

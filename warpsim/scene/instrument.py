@@ -220,9 +220,9 @@ class Instrument:
         """
         return self._bodies.tracks.state(self.satellite_of(sensor), time_s)
 
-    def observers(self, sensors: Sequence[int] | None = None) -> Observers:
-        """Return some of the sensors, all when left out, as observers for access."""
-        chosen = range(len(self.names)) if sensors is None else list(sensors)
+    def observers(self, sensors: Sequence[int]) -> Observers:
+        """Return some of the sensors as observers for access."""
+        chosen = list(sensors)
         tracked = sorted({target for sensor in chosen for _, some in self.program.tracked(sensor) for target in some})
 
         def breaks_s(sensor: int) -> list[float]:

@@ -86,12 +86,12 @@ class Roster:
             raise InputError(f"must be a target of the scene ({some_names(names)})", field, name)
         return names.index(name)
 
-    def members(self, name: str, field: str = "target") -> tuple[int, ...]:
+    def members(self, name: str) -> tuple[int, ...]:
         """Return the index of a target, or those of a group."""
         if name in self.groups and name not in self.target_names:
             group = self.groups.index(name)
             return tuple(index for index, target in enumerate(self.targets) if target.group == group)
-        return (self.target(name, field),)
+        return (self.target(name, "target"),)
 
     def called(self, targets: Sequence[int]) -> str:
         """Return the common name of some targets: of a target, a group, or any."""

@@ -94,9 +94,7 @@ def rotation_vectors(before: F64, after: F64) -> F64:
     return np.asarray(Rotation.from_matrix(np.einsum("nij,nkj->nik", after, before)).as_rotvec())
 
 
-def turn_between(
-    before: AxesAt, after: AxesAt, slew: Slew, start_s: float, end_s: float, last_s: float = math.inf
-) -> SlewTurn:
+def turn_between(before: AxesAt, after: AxesAt, slew: Slew, start_s: float, end_s: float, last_s: float) -> SlewTurn:
     """Return the turn from one law to another that keeps the camera's rate and acceleration within bounds.
 
     The turn begins with the profile that the rotation between the two laws asks for, and is slowed down until the rate
