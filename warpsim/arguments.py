@@ -5,6 +5,7 @@ Each function raises an InputError that names the argument if its value is not w
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Sequence
 from contextlib import suppress
@@ -86,6 +87,14 @@ def frame_numbers(frames: Sequence[int] | npt.NDArray[np.int64]) -> npt.NDArray[
     if isinstance(frames, range):
         return np.arange(frames.start, frames.stop, frames.step)
     return np.asarray(frames, dtype=np.int64)
+
+
+def optional_module(name: str, package: str) -> Any:
+    """Return the module of a package that the extra of its name brings; InputError where it is not installed."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise InputError(f"needs {package}: pip install 'warpsim[{name}]'", f"ws.{name}") from None
 
 
 def check_memory(n_byte: float, what: str) -> None:

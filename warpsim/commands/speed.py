@@ -32,15 +32,24 @@ def add_commands(commands: Any) -> None:
 
 
 def _bench(options: argparse.Namespace) -> int:
-    if options.scene is not None:
-        return _bench_scene(options)
     from warpsim.files import check_new_file, write_json
-    from warpsim.speed.report import BenchmarkPlan, as_json, heading, measured, row, stage_table
-    from warpsim.speed.work import PSFS
 
     path = Path(options.json) if options.json else None
     if path:
         check_new_file(path, (".json",), options.overwrite)
+    figures, words = _measure_sizes(options) if options.scene is None else _measure_scene(options)
+    if path:
+        write_json(figures, path)
+        words += f"\n\nfigures in {path}"
+    say(words)
+    return 0
+
+
+def _measure_sizes(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    """Figures of scenes of all sizes, which are printed as they come, and the table of stages."""
+    from warpsim.speed.report import BenchmarkPlan, as_json, heading, measured, row, stage_table
+    from warpsim.speed.work import PSFS
+
     devices = _devices(options.device)
     if options.device is not None and not devices:
         raise InputError("must name a device", "--device", options.device)
@@ -64,36 +73,24 @@ def _bench(options: argparse.Namespace) -> int:
     for speed in measured(plan):
         print(row(speed) if speeds else f"{heading(plan)}\n{row(speed)}", flush=True)
         speeds.append(speed)
-    if path:
-        write_json(as_json(plan, speeds), path)
-    print(f"\n{stage_table(speeds)}")
-    if path:
-        say(f"\nfigures in {path}")
-    return 0
+    return as_json(plan, speeds), f"\n{stage_table(speeds)}"
 
 
-def _bench_scene(options: argparse.Namespace) -> int:
-    """Measure a scene as it is: its own images, bands and stars."""
+def _measure_scene(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    """Figures of a scene as it is, with its own images, bands and stars, and their table."""
     from dataclasses import asdict
 
-    from warpsim.files import check_new_file, write_json
     from warpsim.speed.report import scene_speed_table, scene_speeds
 
     for name in ("pixels", "sensors", "stars", "psf"):
         if getattr(options, name) is not None:
             raise InputError("must not be given with a scene, which has its own", f"--{name}")
-    path = Path(options.json) if options.json else None
-    if path:
-        check_new_file(path, (".json",), options.overwrite)
     start_warp()
     scenario = scenario_of(options.scene)
     n_call = 3 if options.quick else 9
     speeds = list(scene_speeds(scenario, _devices(options.device), n_call, options.frames, options.resident))
-    say(scene_speed_table(scenario, speeds))
-    if path:
-        write_json({"scene": scenario.scene.name, "cases": [asdict(speed) for speed in speeds]}, path)
-        say(f"\nfigures in {path}")
-    return 0
+    figures = {"scene": scenario.scene.name, "cases": [asdict(speed) for speed in speeds]}
+    return figures, scene_speed_table(scenario, speeds)
 
 
 def _devices(text: str | None) -> tuple[str, ...]:
