@@ -289,9 +289,7 @@ def _as_tuple(value: Any) -> Any:
         return (value,)
     if isinstance(value, Mapping):
         raise rule_error("must be a list of names, which a table may describe (did you mean band?)")
-    if not isinstance(value, list | tuple):
-        raise rule_error("must be a list")
-    return tuple(value)
+    return as_tuple(value)
 
 
 BandNames = Annotated[tuple[Annotated[str, PlainValidator(_name_or_band)], ...], BeforeValidator(_as_tuple)]
