@@ -15,6 +15,7 @@ from warpsim.commands.options import (
     OVERWRITE,
     Option,
     add_command,
+    is_given,
     names,
     number,
     say,
@@ -109,11 +110,11 @@ def _load_catalog(options: argparse.Namespace) -> StarCatalog:
 
     name = options.file
     synthetic = ("n_star", "limit_jy", "sky", "seed")
-    if name != "synthetic" and (given := [option for option in synthetic if getattr(options, option) is not None]):
+    if name != "synthetic" and (given := [option for option in synthetic if is_given(options, option)]):
         raise InputError("is for synthetic only", f"--{given[0].replace('_', '-')}", name)
     if name in ("default", "union", "synthetic"):
         for option in ("format", "readme", "columns", "table", "epoch", "no_fill"):
-            if getattr(options, option):
+            if is_given(options, option):
                 raise InputError("is for files only", f"--{option.replace('_', '-')}", name)
     if name == "default":
         return StarCatalog.default()

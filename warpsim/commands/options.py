@@ -8,7 +8,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -126,6 +126,12 @@ def frame_numbers(text: str | None) -> list[int] | slice | None:
         raise InputError("must be A:B, A:B:STEP or one number", "--frames", text) from None
 
 
+def chosen_frames(text: str | None, known: Sequence[int]) -> Sequence[int]:
+    """Frames among known ones, by the text of frame_numbers, all for None; a single number whether known or not."""
+    numbers = frame_numbers(text)
+    return numbers if isinstance(numbers, list) else known[numbers or slice(None)]
+
+
 class Option(NamedTuple):
     """An argument of a command."""
 
@@ -169,6 +175,12 @@ def add_command(
             more = {"default": option.default, "required": option.required}
             parser.add_argument(*flags, metavar=last, action=action, help=option.text, **more)
     parser.set_defaults(command=run, resumes=resumes)
+
+
+def is_given(options: argparse.Namespace, name: str) -> bool:
+    """Return whether an option without a default, or a switch, was given."""
+    value = getattr(options, name)
+    return value is not None and value is not False
 
 
 def _converted(convert: Callable[[str, str], Any]) -> type[argparse.Action]:

@@ -18,6 +18,7 @@ from warpsim.commands.options import (
     SENSORS,
     Option,
     add_command,
+    chosen_frames,
     frame_numbers,
     names,
     number,
@@ -271,8 +272,7 @@ def _detect(options: argparse.Namespace) -> int:
     which: dict[str, Any] = {"sensors": options.sensors, "bands": options.bands}
     some = scenario.sensors_with_access if options.sensors is None else scenario.select_sensors(options.sensors)
     count = scenario.instrument_of((some or scenario.sensor_names)[0]).frames.count
-    chosen = frame_numbers(options.frames)
-    frames = chosen if isinstance(chosen, list) else list(range(count)[chosen or slice(None)])
+    frames = list(chosen_frames(options.frames, range(count)))
     if not frames:
         raise InputError(f"must name some of the {count} frames", "--frames", options.frames)
     if options.images is None:

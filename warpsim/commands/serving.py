@@ -16,7 +16,8 @@ from warpsim.commands.options import (
     SENSORS,
     Option,
     add_command,
-    frame_numbers,
+    chosen_frames,
+    is_given,
     number,
     scenario_of,
     start_warp,
@@ -64,10 +65,9 @@ def _serve(options: argparse.Namespace) -> int:
     scenario = scenario_of(options.scene)
     start_warp()
     instrument = checked_names(scenario, options.sensors, None)[0]
-    frames = frame_numbers(options.frames)
     with FrameServer(
         Renderer(scenario, options.device),
-        range(instrument.frames.count)[frames] if isinstance(frames, slice) else frames,
+        chosen_frames(options.frames, range(instrument.frames.count)),
         options.sensors,
         options.bands,
         rate_hz=options.rate,
@@ -104,7 +104,7 @@ def _view(options: argparse.Namespace) -> int:
     from warpsim.live.view import View
 
     _check_together(options)
-    port, chosen = 0 if options.record else options.port, frame_numbers(options.frames)
+    port = 0 if options.record else options.port
     start_warp()
     with View(images_from(options.source, options.sequence), port, options.sensors, options.band) as page:
         if options.record is None:
@@ -113,12 +113,13 @@ def _view(options: argparse.Namespace) -> int:
                 print(f"{page.url} shows {page.scenario.scene.name}; Ctrl-C ends", flush=True)
                 page.run()
             return 0
-        frames = page.frames[chosen or slice(None)] if chosen is None or isinstance(chosen, slice) else chosen
+        frames = chosen_frames(options.frames, page.frames)
         if not frames:
             raise InputError(f"must be some of {page.frames[0]} to {page.frames[-1]}", "--frames", options.frames)
         if unknown := sorted(set(frames) - set(page.frames)):
             raise InputError("is no frame that the page has", "--frames", unknown[0])
-        record(page, options.record, frames, options.fps or 10.0, options.overwrite)
+        fps = 10.0 if options.fps is None else options.fps
+        record(page, options.record, frames, fps, options.overwrite)
         size_mb = Path(options.record).stat().st_size / 1e6
         print(f"{options.record}: {len(frames)} frames, {size_mb:.3g} MB")
     return 0
@@ -127,7 +128,7 @@ def _view(options: argparse.Namespace) -> int:
 def _check_together(options: argparse.Namespace) -> None:
     """Check that options which belong to a recording come with one, and that it follows nobody."""
     for name in ("frames", "fps", "overwrite"):
-        if getattr(options, name) and not options.record:
+        if is_given(options, name) and not options.record:
             raise InputError("goes with --record alone", f"--{name}")
     if options.record and options.follow:
         raise InputError("must not come with --record: a page follows, a recording is rendered", "--follow")
