@@ -62,9 +62,13 @@ def chosen_names(what: str, names: Sequence[str] | None, known: list[str]) -> li
         raise InputError("must name at least one", what)
     for name in listed:
         if name not in known:
-            shown = ", ".join(known[:6]) + (", ..." if len(known) > 6 else "")
-            raise InputError(f"must be among {shown}", what, name)
+            raise InputError(f"must be among {some_names(known, 6)}", what, name)
     return listed
+
+
+def some_names(names: Sequence[str], most: int = 4) -> str:
+    """The first of some names, for messages."""
+    return ", ".join(names[:most]) + (", ..." if len(names) > most else "")
 
 
 def whole_number(what: str, value: Any, least: int) -> int:

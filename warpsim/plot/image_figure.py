@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arguments import some_names
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.directions import normalised
 from warpsim.errors import InputError
@@ -38,7 +39,6 @@ from warpsim.plot.figure import (
     target_kinds,
 )
 from warpsim.scene.instrument import Instrument
-from warpsim.scene.roster import some_names
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 from warpsim.scene.sensors import Frames

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, Tag, model_validator
 
+from warpsim.arguments import some_names
 from warpsim.config.fields import (
     FileName,
     NonNegative,
@@ -65,8 +66,7 @@ def satellites_of(patterns: Sequence[str], names: Sequence[str]) -> list[int]:
     for number, pattern in enumerate(patterns):
         if pattern != ALL and not any(fnmatchcase(name, pattern) for name in names):
             field = "on" if len(patterns) == 1 else f"on[{number}]"
-            known = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
-            raise InputError(f"must be satellites of the constellation ({known})", field, pattern)
+            raise InputError(f"must be satellites of the constellation ({some_names(names)})", field, pattern)
     chosen = [ALL in patterns or any(fnmatchcase(name, pattern) for pattern in patterns) for name in names]
     return [index for index, is_chosen in enumerate(chosen) if is_chosen]
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpsim.arguments import some_names
 from warpsim.errors import InputError
 from warpsim.orbit.access_constraints import AccessConstraints, MarginFunction
 from warpsim.scene.instrument import Instrument
@@ -159,11 +160,6 @@ class Roster:
         kept = [said[0], *(after for before, after in pairwise(said) if after[1] != before[1])]
         ends_s = [time_s for time_s, _ in kept[1:]] + [end_s]
         return [(sensor, what, time_s, last_s) for (time_s, what), last_s in zip(kept, ends_s, strict=True)]
-
-
-def some_names(names: Sequence[str]) -> str:
-    """Return the first of some names, for messages."""
-    return ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
 
 
 def check_rules(rules: AccessConstraints | None, custom: Mapping[str, MarginFunction] | None) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.arguments import times_s
+from warpsim.arguments import some_names, times_s
 from warpsim.errors import InputError, errors_at
 from warpsim.orbit.access_constraints import AccessConstraints, MarginFunction
 from warpsim.orbit.eclipse import eclipses, sunlit_fraction
@@ -29,7 +29,7 @@ from warpsim.scene.checks import (
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.left_out import left_out_table
-from warpsim.scene.roster import Roster, check_rules, some_names, table_of_times
+from warpsim.scene.roster import Roster, check_rules, table_of_times
 from warpsim.scene.short_form import with_paths
 from warpsim.scene.target_access import ACCESS_STEP_S, target_margins
 from warpsim.target.timed_rows import END_SLACK_S
