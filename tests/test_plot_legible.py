@@ -4,22 +4,13 @@ import itertools
 
 import numpy as np
 import pytest
+from figures import close_figures  # noqa: F401
 
 import warpsim as ws
-
-pytest.importorskip("matplotlib").use("Agg")
 
 WIDE, TIME_S = "sat61.wide", 750.0  # a camera of 12 degrees with a group of 10 pixels
 CUT_INCH = 0.005  # less than a pixel of a plain savefig
 PRESETS = ("stss", "two_cameras")
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    from matplotlib import pyplot as plt
-
-    plt.close("all")
 
 
 @pytest.fixture(scope="module")

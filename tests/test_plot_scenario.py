@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from figures import close_figures  # noqa: F401
 from scipy.spatial.transform import Rotation
 
 import warpsim as ws
@@ -15,8 +16,6 @@ from warpsim.plot.image_figure import camera_view, earth_clearance
 from warpsim.plot.scene_figure import broken_at_date_line, osculating_ellipse_m
 from warpsim.render.stars import load_catalog, star_index
 
-pytest.importorskip("matplotlib").use("Agg")
-
 SEED = 417
 DRAWN_ATOL = 1e-9  # thousands of km; only rounding
 PIXEL_ATOL = 1e-6  # px; the renderer's own positions, and a float64 chain written anew
@@ -26,14 +25,6 @@ ASPECT_ATOL_DEG = 1e-6
 FACET_RTOL = 0.02  # a polygon of 24 corners has 1.2 % less area than its circle
 TIME_S = 600.0
 TETRAHEDRON = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    from matplotlib import pyplot as plt
-
-    plt.close("all")
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from figures import close_figures  # noqa: F401
 
 import warpsim as ws
 from warpsim.plot.partition_figure import (
@@ -24,22 +25,12 @@ from warpsim.plot.sky_figure import density_map, mollweide, plot_sky_density, pl
 from warpsim.radiometry.sun_and_earth import earth_spectrum, solar_spectrum
 from warpsim.sky.star_counts import magnitude_counts
 
-pytest.importorskip("matplotlib").use("Agg")
-
 SEED = 20250
 SKY_DEG2 = 41_252.961
 MAP_AREA_RTOL = 1e-3  # squares on the limb are weighed by 144 points each
 MOLLWEIDE_ATOL = 3e-4  # the table's step near the poles [rad]; a map's square is 0.017 at least
 EDGE_DEG = 1e-3  # cones whose rim comes this close to the border of a cell: the samples of the rim may miss it
 SIGMAS = 5.0
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    from matplotlib import pyplot as plt
-
-    plt.close("all")
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,11 @@
-"""Arguments of functions: numbers, or astropy quantities converted to a unit, and names."""
+"""Arguments of functions: numbers, or astropy quantities converted to a unit, and names.
+
+Each function raises an InputError that names the argument if its value is not what is asked for.
+"""
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Sequence
 from contextlib import suppress
@@ -11,20 +15,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.errors import NO_VALUE, InputError
+from warpsim.errors import InputError
 
 
 def plain_array(value: Any, unit: str, where: str) -> npt.NDArray[np.float64]:
-    """Numbers in a unit, any shape, NaN included.
-
-    Args:
-        value: Numbers, taken to be in the unit, or a Quantity.
-        unit: Of the result.
-        where: Name of the argument, for messages.
-
-    Raises:
-        InputError: They are no numbers, or cannot be converted to the unit.
-    """
+    """Numbers in a unit, any shape, NaN included; plain ones are taken to be in it."""
     if hasattr(value, "unit") and hasattr(value, "to_value"):
         try:
             value = value.to_value(unit)
@@ -37,27 +32,14 @@ def plain_array(value: Any, unit: str, where: str) -> npt.NDArray[np.float64]:
 
 
 def plain_number(value: Any, unit: str, where: str) -> float:
-    """One number in a unit; NaN is one.
-
-    Args:
-        value: A number, taken to be in the unit, or a Quantity.
-        unit: Of the result.
-        where: Name of the argument, for messages.
-
-    Raises:
-        InputError: It is no number, or cannot be converted to the unit.
-    """
+    """One number in a unit; NaN is one."""
     if value is None or isinstance(value, bool | str) or np.ndim(value) != 0:
         raise InputError("must be a number", where, value)
     return float(plain_array(value, unit, where))
 
 
 def finite_number(what: str, value: Any) -> float:
-    """A finite number without unit.
-
-    Raises:
-        InputError: It is none.
-    """
+    """A finite number without unit."""
     number = plain_number(value, "", what)
     if not np.isfinite(number):
         raise InputError("must be finite", what, value)
@@ -70,11 +52,7 @@ def times_s(value: Any) -> npt.NDArray[np.float64]:
 
 
 def chosen_names(what: str, names: Sequence[str] | None, known: list[str]) -> list[str]:
-    """Names as a list, in the order given; all known ones for None, a single name as a list of one.
-
-    Raises:
-        InputError: There are none, or one is unknown.
-    """
+    """Names as a list, in the order given; all known ones for None, a single name as a list of one."""
     if names is None:
         return known
     if not isinstance(names, str | Sequence):
@@ -84,28 +62,24 @@ def chosen_names(what: str, names: Sequence[str] | None, known: list[str]) -> li
         raise InputError("must name at least one", what)
     for name in listed:
         if name not in known:
-            shown = ", ".join(known[:6]) + (", ..." if len(known) > 6 else "")
-            raise InputError(f"must be among {shown}", what, name)
+            raise InputError(f"must be among {some_names(known, 6)}", what, name)
     return listed
 
 
-def whole_number(what: str, value: Any, least: int) -> int:
-    """A whole number that is not smaller than asked for.
+def some_names(names: Sequence[str], most: int = 4) -> str:
+    """The first of some names, for messages."""
+    return ", ".join(names[:most]) + (", ..." if len(names) > most else "")
 
-    Raises:
-        InputError: It is none.
-    """
+
+def whole_number(what: str, value: Any, least: int) -> int:
+    """A whole number that is not smaller than asked for."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise InputError(f"must be a whole number >= {least}", what, value)
     return int(value)
 
 
 def above_zero(what: str, value: Any) -> float:
-    """A finite number above 0.
-
-    Raises:
-        InputError: It is none.
-    """
+    """A finite number above 0."""
     kinds = int | float | np.integer | np.floating
     if isinstance(value, bool) or not isinstance(value, kinds) or not 0 < value < np.inf:
         raise InputError("must be a number above 0", what, value)
@@ -119,18 +93,23 @@ def frame_numbers(frames: Sequence[int] | npt.NDArray[np.int64]) -> npt.NDArray[
     return np.asarray(frames, dtype=np.int64)
 
 
-def check_memory(n_byte: float, what: str, field: str = "", value: Any = NO_VALUE) -> None:
+def optional_module(name: str, package: str) -> Any:
+    """Return the module of a package that the extra of its name brings; InputError where it is not installed."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise InputError(f"needs {package}: pip install 'warpsim[{name}]'", f"ws.{name}") from None
+
+
+def check_memory(n_byte: float, what: str) -> None:
     """Check that this process can take so many bytes more, before work that needs them begins.
 
     Where the system does not say how many it can, as only Linux does here, nothing is checked.
-
-    Raises:
-        InputError: It cannot.
     """
     free = free_bytes()
     if n_byte > free:
         rule = f"{what} would take {n_byte / 2**30:.2g} GB of memory, and {max(free, 0.0) / 2**30:.2g} GB are free"
-        raise InputError(rule, field, value)
+        raise InputError(rule)
 
 
 def free_bytes() -> float:

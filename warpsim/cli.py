@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from warpsim.commands import catalogs, detect, scenes, serving, speed, view
+from warpsim.commands import catalogs, scenes, serving, speed
 from warpsim.errors import InputError, printable
 from warpsim.version import __version__
 
@@ -18,9 +18,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; exit code 0, 1 for files not written or want of memory, 2 for bad input, 130 when interrupted."""
     # UTC has no leap seconds announced beyond the next half year; later epochs count without further ones.
     warnings.filterwarnings("ignore", message='.*"dubious year')
-    parser = make_parser()
-    options = parser.parse_args(arguments)
+    parser, options = make_parser(), argparse.Namespace()
     try:
+        parser.parse_args(arguments, options)
         command: Callable[[argparse.Namespace], int] = options.command
         return command(options)
     except InputError as error:
@@ -61,7 +61,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="warpsim", description="Render what space-based infrared sensors see.")
     parser.add_argument("--version", action="version", version=f"warpsim {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for module in (scenes, detect, serving, view, catalogs, speed):
+    for module in (scenes, serving, catalogs, speed):
         module.add_commands(commands)
     return parser
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import functools
-import importlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 
-from warpsim.errors import InputError
+from warpsim.arguments import optional_module
 from warpsim.launches import to_numpy
 from warpsim.optics.psf import Psf
 from warpsim.render.deposit_gradient import PointDrawing, checked_lists, point_drawing
@@ -41,7 +40,7 @@ def render(
     Raises:
         InputError: JAX is not installed, or a value breaks its rule.
     """
-    jax = _jax()
+    jax = optional_module("jax", "JAX")
     wp.init()
     xy, light = jax.numpy.asarray(xy_px), jax.numpy.asarray(flux)
     device = "cpu"
@@ -52,18 +51,10 @@ def render(
     return _function(drawing)(xy, light)
 
 
-def _jax() -> Any:
-    """JAX; InputError if it is not there."""
-    try:
-        return importlib.import_module("jax")
-    except ImportError:
-        raise InputError("needs JAX: pip install 'warpsim[jax]'", "ws.jax") from None
-
-
 @functools.lru_cache(maxsize=64)
 def _function(drawing: PointDrawing) -> Any:
     """The function with its own derivative."""
-    jax = _jax()
+    jax = optional_module("jax", "JAX")
 
     def call(function: Any, result: Any, *arrays: Any) -> Any:
         """Call a function of Warp arrays: now, or, of what is traced, when it runs."""

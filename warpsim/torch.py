@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import functools
-import importlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
+from warpsim.arguments import optional_module
 from warpsim.errors import InputError
 from warpsim.optics.psf import Psf
 from warpsim.render.deposit_gradient import PointDrawing, checked_lists, point_drawing
@@ -38,7 +38,7 @@ def render(
     Raises:
         InputError: PyTorch is not installed, a value breaks its rule, tensors are on different devices.
     """
-    torch = _torch()
+    torch = optional_module("torch", "PyTorch")
     for name, value in (("xy_px", xy_px), ("flux", flux)):
         if not isinstance(value, torch.Tensor):
             raise InputError(f"must be a tensor, got {type(value).__name__}", name)
@@ -49,18 +49,10 @@ def render(
     return _function().apply(xy_px, flux, drawing)
 
 
-def _torch() -> Any:
-    """PyTorch; InputError if it is not there."""
-    try:
-        return importlib.import_module("torch")
-    except ImportError:
-        raise InputError("needs PyTorch: pip install 'warpsim[torch]'", "ws.torch") from None
-
-
 @functools.cache
 def _function() -> Any:
     """The autograd function."""
-    torch = _torch()
+    torch = optional_module("torch", "PyTorch")
 
     def sources(xy_px: Any, flux: Any, drawing: PointDrawing) -> Any:
         xy = wp.from_torch(xy_px.detach().to(torch.float64).contiguous(), dtype=wp.vec2d)

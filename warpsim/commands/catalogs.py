@@ -10,7 +10,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpsim.commands.options import names, number, say, start_warp, whole_number
+from warpsim.commands.options import (
+    FOLDER,
+    OVERWRITE,
+    Option,
+    add_command,
+    is_given,
+    names,
+    number,
+    say,
+    start_warp,
+    whole_number,
+)
 from warpsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,43 +30,72 @@ if TYPE_CHECKING:
 
 def add_commands(commands: Any) -> None:
     """Add the parsers of these commands."""
-    catalog = commands.add_parser("catalog", help="report on a star catalog, and convert it")
-    catalog.add_argument("catalog", metavar="FILE", help="a catalog file, or default, union or synthetic")
-    catalog.add_argument("--format", metavar="NAME", help="survey or file format; guessed if left out")
-    catalog.add_argument("--readme", metavar="PATH", help="ReadMe that describes a CDS file")
-    catalog.add_argument("--columns", metavar="PAIRS", help="what is in which column: ra_deg=RAJ2000,flux_A_jy=F8")
-    catalog.add_argument("--table", metavar="NAME", help="which of several tables in the file, by name or number")
-    catalog.add_argument("--epoch", metavar="YEAR", help="Julian year of the positions; read from the file if left out")
-    catalog.add_argument("--no-fill", action="store_true", help="leave bands without a flux unknown")
-    catalog.add_argument("--n-star", metavar="N", help="number of stars of the synthetic catalog")
-    catalog.add_argument("--limit-jy", metavar="JY", help="instead: flux density of its faintest star in band A")
-    catalog.add_argument("--sky", metavar="NAME", help="its density: astrometric (the default) or infrared")
-    catalog.add_argument("--seed", metavar="N", help="seed of the synthetic catalog, 0 if left out")
-    catalog.add_argument("-o", "--output", metavar="OUT", help="also write the catalog: .fits, .ecsv, .vot or .csv")
-    catalog.add_argument("--plot", metavar="PNG", help="also draw the number of stars by band and magnitude")
-    catalog.add_argument("--overwrite", action="store_true", help="replace existing files")
-    catalog.set_defaults(command=_catalog)
-    _add_dataset(commands)
+    add_command(
+        commands, "catalog", "report on a star catalog, and convert it", _catalog,
+        Option("FILE", "a catalog file, or default, union or synthetic"),
+        Option("--format NAME", "survey or file format; guessed if left out"),
+        Option("--readme PATH", "ReadMe that describes a CDS file"),
+        Option("--columns PAIRS", "what is in which column: ra_deg=RAJ2000,flux_A_jy=F8", _column_names),
+        Option("--table NAME", "which of several tables in the file, by name or number"),
+        Option("--epoch YEAR", "Julian year of the positions; read from the file if left out", number),
+        Option("--no-fill", "leave bands without a flux unknown"),
+        Option("--n-star N", "number of stars of the synthetic catalog", whole_number),
+        Option("--limit-jy JY", "instead: flux density of its faintest star in band A", number),
+        Option("--sky NAME", "its density: astrometric (the default) or infrared"),
+        Option("--seed N", "seed of the synthetic catalog, 0 if left out", whole_number),
+        Option("-o, --output OUT", "also write the catalog: .fits, .ecsv, .vot or .csv"),
+        Option("--plot PNG", "also draw the number of stars by band and magnitude"),
+        OVERWRITE,
+    )  # fmt: skip
+    add_command(
+        commands, "dataset", "write a data set: sampled sequences of a scene, with labels", _dataset,
+        Option("RECIPE", "a recipe or scene: preset name, or path of .toml or .json"),
+        FOLDER,
+        Option("--sequences N", "number of sequences, instead of the recipe's", whole_number),
+        Option("--frames N", "frames of each sequence, instead of the recipe's", whole_number),
+        Option("--bands NAMES", "comma-separated bands, instead of the recipe's", names),
+        Option("--format NAME", "instead of the recipe's: fits, fits-frames, png, tiff, zarr or webdataset"),
+        Option("--seed N", "seed of what is drawn, instead of the recipe's", whole_number),
+        Option("--workers N", "processes; as many as cores if left out", whole_number),
+        Option("--scheduler ADDRESS", "let the workers of a Dask cluster do it: tcp://HOST:PORT"),
+        Option("--device NAME", "Warp device of each worker: cpu, cuda:0"),
+        Option("--overwrite", "replace a different data set in the folder"),
+        Option("--quiet", "print nothing but errors"),
+        resumes=True,
+    )  # fmt: skip
+    add_command(
+        commands, "export", "write a data set once more, as a trainer wants it", _export,
+        Option("DATASET", "folder of a finished data set"),
+        Option("-o, --output DIR", "folder to write; missing or empty", required=True),
+        Option("--format NAME", "yolo, mot or huggingface", required=True),
+        Option("--channels NAME", "three channels: bands, or frames (the two before, then it)"),
+        Option("--bands NAMES", "comma-separated bands; all if left out", names),
+        Option("--splits NAMES", "comma-separated splits; all if left out", names),
+        Option("--classes NAMES", "comma-separated classes to label; all if left out", names),
+        Option("--least-snr X", "labels from this SNR in a target's pixel on", number, 0.0),
+        Option("--knee NEI", "8 bits: linear up to here, 2 if left out", number, 2.0),
+        Option("--top NEI", "8 bits: white from here on, 1000 if left out", number, 1000.0),
+        Option("--quiet", "print nothing but errors"),
+    )  # fmt: skip
 
 
 def _catalog(options: argparse.Namespace) -> int:
     from warpsim.files import check_new_file
     from warpsim.output.catalogs import FORMAT_OF_SUFFIX, catalog_report, write_catalog
-    from warpsim.plot.figure import FIGURE_SUFFIXES, need_matplotlib
+    from warpsim.plot.figure_files import check_figure_file, draw_star_counts
 
     output, figure = (Path(name) if name else None for name in (options.output, options.plot))
     if output:
         check_new_file(output, tuple(FORMAT_OF_SUFFIX), options.overwrite)
     if figure:
-        check_new_file(figure, FIGURE_SUFFIXES, options.overwrite)
-        need_matplotlib("--plot")
+        check_figure_file(figure, options.overwrite, "--plot")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         catalog = _load_catalog(options)
     # Files before words: a reader that closes the pipe early (head) must not cost a file.
     written = write_catalog(catalog, output, options.overwrite) if output else None
     if figure:
-        _draw_counts(catalog, figure)
+        draw_star_counts(catalog, figure)
     say(catalog_report(catalog, [str(warning.message) for warning in caught]))
     if written is not None:
         say(f"\n{len(written):,} {'star' if len(written) == 1 else 'stars'} at J{written.epoch_jyear} in {output}")
@@ -68,13 +108,13 @@ def _load_catalog(options: argparse.Namespace) -> StarCatalog:
     """The catalog named on the command line."""
     from warpsim.sky.catalog import StarCatalog
 
-    name = options.catalog
+    name = options.file
     synthetic = ("n_star", "limit_jy", "sky", "seed")
-    if name != "synthetic" and (given := [option for option in synthetic if getattr(options, option)]):
+    if name != "synthetic" and (given := [option for option in synthetic if is_given(options, option)]):
         raise InputError("is for synthetic only", f"--{given[0].replace('_', '-')}", name)
     if name in ("default", "union", "synthetic"):
         for option in ("format", "readme", "columns", "table", "epoch", "no_fill"):
-            if getattr(options, option):
+            if is_given(options, option):
                 raise InputError("is for files only", f"--{option.replace('_', '-')}", name)
     if name == "default":
         return StarCatalog.default()
@@ -84,99 +124,43 @@ def _load_catalog(options: argparse.Namespace) -> StarCatalog:
         if (options.n_star is None) == (options.limit_jy is None):
             raise InputError("--n-star, --limit-jy: exactly one must be given with synthetic, such as --n-star 1000000")
         return StarCatalog.synthetic(
-            None if options.n_star is None else whole_number("--n-star", options.n_star),
-            limit_jy=None if options.limit_jy is None else number("--limit-jy", options.limit_jy),
-            sky=options.sky or "astrometric",
-            seed=0 if options.seed is None else whole_number("--seed", options.seed),
+            options.n_star, limit_jy=options.limit_jy, sky=options.sky or "astrometric", seed=options.seed or 0
         )
-    columns = None if options.columns is None else _column_names(options.columns)
     return StarCatalog.read(
         name,
         options.format,
-        columns=columns,
+        columns=options.columns,
         table=options.table,
-        epoch_jyear=None if options.epoch is None else number("--epoch", options.epoch),
+        epoch_jyear=options.epoch,
         readme=options.readme,
         fill=not options.no_fill,
     )
 
 
-def _draw_counts(catalog: StarCatalog, path: Path) -> None:
-    """Draw star counts to a file without pyplot, which would ask for a display."""
-    from matplotlib.figure import Figure
-
-    from warpsim.plot.figure import save_figure
-    from warpsim.plot.sky_figure import plot_star_counts
-
-    figure = Figure(figsize=(8.5, 4.8), layout="constrained")
-    plot_star_counts(catalog, ax=figure.add_subplot())
-    save_figure(figure, path)
-
-
-def _column_names(text: str) -> dict[str, str]:
+def _column_names(where: str, text: str) -> dict[str, str]:
     """Names in a file by warpsim's names of columns, from ra_deg=RAJ2000,flux_A_jy=F8."""
     pairs = [[part.strip() for part in item.split("=", 1)] for item in text.split(",") if item.strip()]
     if not pairs or any(len(pair) != 2 or not all(pair) for pair in pairs):
-        raise InputError("must be NAME=COLUMN,NAME=COLUMN,...", "--columns", text)
+        raise InputError("must be NAME=COLUMN,NAME=COLUMN,...", where, text)
     return {pair[0]: pair[1] for pair in pairs}
-
-
-def _add_dataset(commands: Any) -> None:
-    dataset = commands.add_parser("dataset", help="write a data set: sampled sequences of a scene, with labels")
-    dataset.add_argument("recipe", metavar="RECIPE", help="a recipe or scene: preset name, or path of .toml or .json")
-    dataset.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
-    dataset.add_argument("--sequences", metavar="N", help="number of sequences, instead of the recipe's")
-    dataset.add_argument("--frames", metavar="N", help="frames of each sequence, instead of the recipe's")
-    dataset.add_argument("--bands", metavar="NAMES", help="comma-separated bands, instead of the recipe's")
-    formats = "instead of the recipe's: fits, fits-frames, png, tiff, zarr or webdataset"
-    dataset.add_argument("--format", metavar="NAME", help=formats)
-    dataset.add_argument("--seed", metavar="N", help="seed of what is drawn, instead of the recipe's")
-    dataset.add_argument("--workers", metavar="N", help="processes; as many as cores if left out")
-    dataset.add_argument(
-        "--scheduler", metavar="ADDRESS", help="let the workers of a Dask cluster do it: tcp://HOST:PORT"
-    )
-    dataset.add_argument("--device", metavar="NAME", help="Warp device of each worker: cpu, cuda:0")
-    dataset.add_argument("--overwrite", action="store_true", help="replace a different data set in the folder")
-    dataset.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    dataset.set_defaults(command=_dataset, resumes=True)
-
-    export = commands.add_parser("export", help="write a data set once more, as a trainer wants it")
-    export.add_argument("dataset", metavar="DATASET", help="folder of a finished data set")
-    export.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write; missing or empty")
-    export.add_argument("--format", metavar="NAME", required=True, help="yolo, mot or huggingface")
-    export.add_argument("--channels", metavar="NAME", help="three channels: bands, or frames (the two before, then it)")
-    export.add_argument("--bands", metavar="NAMES", help="comma-separated bands; all if left out")
-    export.add_argument("--splits", metavar="NAMES", help="comma-separated splits; all if left out")
-    export.add_argument("--classes", metavar="NAMES", help="comma-separated classes to label; all if left out")
-    export.add_argument("--least-snr", metavar="X", default="0", help="labels from this SNR in a target's pixel on")
-    export.add_argument("--knee", metavar="NEI", default="2", help="8 bits: linear up to here, 2 if left out")
-    export.add_argument("--top", metavar="NEI", default="1000", help="8 bits: white from here on, 1000 if left out")
-    export.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    export.set_defaults(command=_export)
 
 
 def _dataset(options: argparse.Namespace) -> int:
     from warpsim.dataset.recipe import Recipe
     from warpsim.dataset.write_dataset import write_dataset
 
-    numbers = {"n_sequence": "sequences", "n_frame": "frames", "seed": "seed"}
-    changes: dict[str, Any] = {
-        field: whole_number(f"--{option}", value)
-        for field, option in numbers.items()
-        if (value := getattr(options, option)) is not None
-    }
-    if options.bands is not None:
-        changes["bands"] = names(options.bands)
-    if options.format is not None:
-        changes["format"] = options.format
+    given = {
+        "n_sequence": options.sequences, "n_frame": options.frames, "seed": options.seed, "bands": options.bands,
+        "format": options.format,
+    }  # fmt: skip
+    changes = {field: value for field, value in given.items() if value is not None}
     if options.workers is not None and options.scheduler is not None:
         raise InputError("must be left out with --scheduler, whose cluster has workers of its own", "--workers")
-    n_worker = None if options.workers is None else whole_number("--workers", options.workers)
     recipe = Recipe.load(options.recipe, **changes)
     start_warp(options.quiet, in_workers=True)
     with _executor(options.scheduler) as executor:
         report = write_dataset(
-            recipe, options.output, executor, n_worker, options.device, options.overwrite, not options.quiet
+            recipe, options.output, executor, options.workers, options.device, options.overwrite, not options.quiet
         )
     if not options.quiet:
         say(report.text())
@@ -191,12 +175,12 @@ def _export(options: argparse.Namespace) -> int:
         options.output,
         options.format,
         options.channels,
-        names(options.bands),
-        names(options.splits),
-        names(options.classes),
-        number("--least-snr", options.least_snr),
-        number("--knee", options.knee),
-        number("--top", options.top),
+        options.bands,
+        options.splits,
+        options.classes,
+        options.least_snr,
+        options.knee,
+        options.top,
         not options.quiet,
     )
     if not options.quiet:

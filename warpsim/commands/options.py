@@ -6,22 +6,17 @@ import argparse
 import ctypes.util
 import math
 import os
+import re
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from warpsim.errors import InputError, printable_lines
+from warpsim.errors import InputError, errors_at, printable_lines
 
 if TYPE_CHECKING:
     from warpsim.commands.compile_notice import CompileNotice
     from warpsim.scene.scenario import Scenario
-
-SENSORS_HELP = "comma-separated sensors, kinds of them, or patterns like 'sat1*'"
-
-
-def add_scene(parser: argparse.ArgumentParser) -> None:
-    """Add the scene to the arguments of a command."""
-    parser.add_argument("scene", metavar="SCENE", help="preset name (stss), or path of a .toml or .json file")
 
 
 def start_warp(quiet: bool = False, in_workers: bool = False) -> None:
@@ -75,10 +70,8 @@ def scenario_of(source: str) -> Scenario:
     from warpsim.scene.scene import Scene
 
     scene = Scene.load(source)
-    try:
+    with errors_at("", source):
         return scene.scenario
-    except InputError as error:
-        raise error.of(source) from None
 
 
 def say(text: str) -> None:
@@ -105,19 +98,17 @@ def number(where: str, text: str) -> float:
         raise InputError("must be a number", value=text).of(where) from None
 
 
-def counts(where: str, text: str | None) -> tuple[int, ...] | None:
+def counts(where: str, text: str) -> tuple[int, ...]:
     """Return whole numbers >= 1 of a comma-separated list."""
-    if text is None:
-        return None
     numbers = tuple(whole_number(where, item) for item in text.split(","))
     if min(numbers) < 1:
         raise InputError("must be whole numbers >= 1", value=text).of(where)
     return numbers
 
 
-def names(text: str | None) -> list[str] | None:
+def names(where: str, text: str) -> list[str]:
     """Return the names of a comma-separated list."""
-    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
+    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def frame_numbers(text: str | None) -> list[int] | slice | None:
@@ -133,3 +124,70 @@ def frame_numbers(text: str | None) -> list[int] | slice | None:
         return slice(*numbers)
     except ValueError:
         raise InputError("must be A:B, A:B:STEP or one number", "--frames", text) from None
+
+
+def chosen_frames(text: str | None, known: Sequence[int]) -> Sequence[int]:
+    """Frames among known ones, by the text of frame_numbers, all for None; a single number whether known or not."""
+    numbers = frame_numbers(text)
+    return numbers if isinstance(numbers, list) else known[numbers or slice(None)]
+
+
+class Option(NamedTuple):
+    """An argument of a command."""
+
+    usage: str
+    """As help shows it: `SCENE`, `[SCENE]`, `-o, --output DIR`, `--step S`; `--stars` is a switch."""
+    text: str
+    convert: Callable[[str, str], Any] | None = None
+    """Value of an option, from its name, which errors have, and its text; that text itself when left out."""
+    default: Any = None
+    required: bool = False
+
+
+SCENE = Option("SCENE", "preset name (stss), or path of a .toml or .json file")
+FOLDER = Option("-o, --output DIR", "folder to write to", required=True)
+FRAMES = Option("--frames A:B[:STEP]", "frame numbers, like a Python slice")
+SENSORS = Option("--sensors NAMES", "comma-separated sensors, kinds of them, or patterns like 'sat1*'", names)
+BANDS = Option("--bands NAMES", "comma-separated band names", names)
+DEVICE = Option("--device DEVICE", "Warp device: cpu, cuda:0, ...")
+OVERWRITE = Option("--overwrite", "replace existing files")
+
+
+def add_command(
+    commands: Any,
+    name: str,
+    text: str,
+    run: Callable[[argparse.Namespace], int],
+    *options: Option,
+    resumes: bool = False,
+) -> None:
+    """Add a command; `resumes` if it goes on where it was interrupted."""
+    parser = commands.add_parser(name, help=text)
+    for option in options:
+        *flags, last = re.split(",? ", option.usage)
+        if last.startswith("-"):
+            parser.add_argument(*flags, last, action="store_true", help=option.text)
+        elif not flags:
+            name, nargs = last.strip("[]"), "?" if last.startswith("[") else None
+            parser.add_argument(name.lower(), metavar=name, nargs=nargs, help=option.text)
+        else:
+            action = _converted(option.convert) if option.convert else "store"
+            more = {"default": option.default, "required": option.required}
+            parser.add_argument(*flags, metavar=last, action=action, help=option.text, **more)
+    parser.set_defaults(command=run, resumes=resumes)
+
+
+def is_given(options: argparse.Namespace, name: str) -> bool:
+    """Return whether an option without a default, or a switch, was given."""
+    value = getattr(options, name)
+    return value is not None and value is not False
+
+
+def _converted(convert: Callable[[str, str], Any]) -> type[argparse.Action]:
+    """The action of an option whose text becomes a value."""
+
+    class Converted(argparse.Action):
+        def __call__(self, parser: Any, namespace: argparse.Namespace, text: Any, option: str | None = None) -> None:
+            setattr(namespace, self.dest, convert(self.option_strings[-1], text))
+
+    return Converted

@@ -1,4 +1,4 @@
-"""Commands of scenes: render, access, check, plot, czml."""
+"""Commands of scenes: render, access, check, calibrate, plot, czml, detect."""
 
 from __future__ import annotations
 
@@ -6,11 +6,19 @@ import argparse
 import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from warpsim.commands.options import (
-    SENSORS_HELP,
-    add_scene,
+    BANDS,
+    DEVICE,
+    FOLDER,
+    FRAMES,
+    OVERWRITE,
+    SCENE,
+    SENSORS,
+    Option,
+    add_command,
+    chosen_frames,
     frame_numbers,
     names,
     number,
@@ -21,73 +29,81 @@ from warpsim.commands.options import (
 )
 from warpsim.errors import InputError
 
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+DETECTION_SUFFIXES = (".ecsv", ".csv", ".parquet", ".tdm")
+
 
 def add_commands(commands: Any) -> None:
     """Add the parsers of these commands."""
-    render = commands.add_parser("render", help="render a scene into a folder")
-    add_scene(render)
-    render.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to write to")
-    render.add_argument("--frames", metavar="A:B[:STEP]", help="frame numbers, like a Python slice")
-    render.add_argument("--sensors", metavar="NAMES", help=SENSORS_HELP)
-    render.add_argument("--bands", metavar="NAMES", help="comma-separated band names")
-    render.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
-    render.add_argument("--every-frame", action="store_true", help="also frames without access to a target")
-    render.add_argument("--stars", action="store_true", help="also list the stars in every image, in stars.fits")
-    formats = "comma-separated: fits (the default), fits-frames, tiff, png, exr (noiseless), zarr"
-    render.add_argument("--format", default="fits", metavar="NAMES", help=formats)
-    render.add_argument("--preview", metavar="NAME", help="also an animation of each sensor and band: gif or mp4")
-    render.add_argument("--sheet", default="whole", metavar="NAME", help="contact sheet of whole images or of targets")
-    render.add_argument("--overwrite", action="store_true", help="replace a different run in the folder")
-    render.add_argument("--quiet", action="store_true", help="no progress bar, no report")
-    render.set_defaults(command=_render, resumes=True)
-
-    access = commands.add_parser("access", help="list when each sensor can observe a target")
-    add_scene(access)
-    access.add_argument("--target", metavar="NAME", help="what the scene's access_target says if left out")
-    access.add_argument("--sensors", metavar="NAMES", help=SENSORS_HELP)
-    access.add_argument("--format", default="table", metavar="NAME", help="table (the default), csv or ecsv")
-    access.add_argument("--step", metavar="S", help="step of the scan for changes [s], 10 if left out")
-    access.add_argument("--plot", metavar="FILE", help="also draw the intervals and the ranges: .png, .pdf or .svg")
-    access.add_argument("--overwrite", action="store_true", help="replace an existing figure")
-    access.set_defaults(command=_access)
-
-    check = commands.add_parser("check", help="validate a scene or a recipe and report on it")
-    add_scene(check)
-    check.set_defaults(command=_check)
-
-    calibrate = commands.add_parser("calibrate", help="write bias, dark and flat frames, and the maps of detectors")
-    add_scene(calibrate)
-    calibrate.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to write to")
-    calibrate.add_argument("--sensors", metavar="NAMES", help=SENSORS_HELP)
-    calibrate.add_argument("--bands", metavar="NAMES", help="comma-separated band names")
-    calibrate.add_argument("--frames", metavar="N", default="16", help="frames of each kind, 16 if left out")
-    calibrate.add_argument(
-        "--level", metavar="X", default="0.5", help="light of flats over saturation, 0.5 if left out"
-    )
-    calibrate.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
-    calibrate.add_argument("--overwrite", action="store_true", help="replace existing files")
-    calibrate.set_defaults(command=_calibrate)
-
-    plot = commands.add_parser("plot", help="draw a scene: Earth and orbits, tracks, group, attitudes, access, views")
-    add_scene(plot)
-    plot.add_argument("-o", "--output", required=True, metavar="DIR", help="folder to write to")
-    plot.add_argument("--time", metavar="S", help="seconds after the epoch; the middle of the scene if left out")
-    plot.add_argument("--sensors", metavar="NAMES", help="comma-separated: whose views; three with access if left out")
-    plot.add_argument("--overwrite", action="store_true", help="replace existing files")
-    plot.set_defaults(command=_plot)
-
-    czml = commands.add_parser("czml", help="write a scene for Cesium: paths, lines of sight, fields of view, ...")
-    add_scene(czml)
-    czml.add_argument("-o", "--output", required=True, metavar="FILE", help="file to write: .czml")
-    czml.add_argument("--step", metavar="S", help="time between positions [s]; chosen by their error if left out")
-    czml.add_argument("--attitudes", metavar="NAMES", help="targets whose attitudes are written: all, or their names")
-    czml.add_argument(
-        "--curves", metavar="NAMES", help="targets whose irradiance is written, by sensor and band: all, ..."
-    )
-    czml.add_argument("--html", metavar="FILE", help="also a page that opens it in CesiumJS: .html")
-    czml.add_argument("--cesium", metavar="WHERE", help="the page's CesiumJS: URL, or folder that holds Cesium.js")
-    czml.add_argument("--overwrite", action="store_true", help="replace existing files")
-    czml.set_defaults(command=_czml)
+    add_command(
+        commands, "render", "render a scene into a folder", _render,
+        SCENE, FOLDER, FRAMES, SENSORS, BANDS, DEVICE,
+        Option("--every-frame", "also frames without access to a target"),
+        Option("--stars", "also list the stars in every image, in stars.fits"),
+        Option(
+            "--format NAMES", "comma-separated: fits (the default), fits-frames, tiff, png, exr (noiseless), zarr",
+            names, ["fits"],
+        ),
+        Option("--preview NAME", "also an animation of each sensor and band: gif or mp4"),
+        Option("--sheet NAME", "contact sheet of whole images or of targets", default="whole"),
+        Option("--overwrite", "replace a different run in the folder"),
+        Option("--quiet", "no progress bar, no report"),
+        resumes=True,
+    )  # fmt: skip
+    add_command(
+        commands, "access", "list when each sensor can observe a target", _access,
+        SCENE,
+        Option("--target NAME", "what the scene's access_target says if left out"),
+        SENSORS,
+        Option("--format NAME", "table (the default), csv or ecsv", default="table"),
+        Option("--step S", "step of the scan for changes [s], 10 if left out", _step_s),
+        Option("--plot FILE", "also draw the intervals and the ranges: .png, .pdf or .svg"),
+        Option("--overwrite", "replace an existing figure"),
+    )  # fmt: skip
+    add_command(commands, "check", "validate a scene or a recipe and report on it", _check, SCENE)
+    add_command(
+        commands, "calibrate", "write bias, dark and flat frames, and the maps of detectors", _calibrate,
+        SCENE, FOLDER, SENSORS, BANDS,
+        Option("--frames N", "frames of each kind, 16 if left out", whole_number, 16),
+        Option("--level X", "light of flats over saturation, 0.5 if left out", number, 0.5),
+        DEVICE, OVERWRITE,
+    )  # fmt: skip
+    add_command(
+        commands, "plot", "draw a scene: Earth and orbits, tracks, group, attitudes, access, views", _plot,
+        SCENE, FOLDER,
+        Option("--time S", "seconds after the epoch; the middle of the scene if left out", number),
+        Option("--sensors NAMES", "comma-separated: whose views; three with access if left out", names),
+        OVERWRITE,
+    )  # fmt: skip
+    add_command(
+        commands, "czml", "write a scene for Cesium: paths, lines of sight, fields of view, ...", _czml,
+        SCENE,
+        Option("-o, --output FILE", "file to write: .czml", required=True),
+        Option("--step S", "time between positions [s]; chosen by their error if left out", number),
+        Option("--attitudes NAMES", "targets whose attitudes are written: all, or their names", _targets),
+        Option("--curves NAMES", "targets whose irradiance is written, by sensor and band: all, ...", _targets),
+        Option("--html FILE", "also a page that opens it in CesiumJS: .html"),
+        Option("--cesium WHERE", "the page's CesiumJS: URL, or folder that holds Cesium.js"),
+        OVERWRITE,
+    )  # fmt: skip
+    add_command(
+        commands, "detect", "write what sensors detect: directions with errors, brightness", _detect,
+        SCENE,
+        Option("-o, --output FILE", f"file to write: {', '.join(DETECTION_SUFFIXES)}", required=True),
+        FRAMES, SENSORS, BANDS,
+        Option(
+            "--images METHOD",
+            "find them in rendered images: matched_filter, sep or photutils; drawn from truth if left out",
+        ),
+        Option("--threshold X", "least light over its error, 5 if left out", number, 5.0),
+        Option("--probability P", "that a target is detected, however bright", number),
+        Option("--clutter N", "mean number of false detections of an image", number, 0.0),
+        Option("--seed N", "another one draws other numbers", whole_number, 0),
+        DEVICE, OVERWRITE,
+        Option("--quiet", "no progress bar"),
+    )  # fmt: skip
 
 
 def _render(options: argparse.Namespace) -> int:
@@ -99,14 +115,14 @@ def _render(options: argparse.Namespace) -> int:
         scenario,
         options.output,
         frames=frame_numbers(options.frames),
-        sensors=names(options.sensors),
-        bands=names(options.bands),
+        sensors=options.sensors,
+        bands=options.bands,
         device=options.device,
         overwrite=options.overwrite,
         stars=options.stars,
         every_frame=options.every_frame,
         progress=not options.quiet,
-        formats=names(options.format) or (),
+        formats=options.format,
         preview=options.preview,
         sheet=options.sheet,
     )
@@ -120,17 +136,14 @@ def _access(options: argparse.Namespace) -> int:
 
     if options.format not in ("table", "csv", "ecsv"):
         raise InputError("must be table, csv or ecsv", "--format", options.format)
-    step_s = ACCESS_STEP_S if options.step is None else number("--step", options.step)
-    if not (math.isfinite(step_s) and step_s > 0):
-        raise InputError("must be > 0", "--step", options.step)
     figure = Path(options.plot) if options.plot else None
     if figure:
         from warpsim.plot.figure_files import check_figure_file, draw_access
 
         check_figure_file(figure, options.overwrite, "--plot")
     scenario = scenario_of(options.scene)
-    sensors = names(options.sensors)
-    table = scenario.access(options.target, sensors, step_s=step_s)
+    sensors = options.sensors
+    table = scenario.access(options.target, sensors, step_s=options.step or ACCESS_STEP_S)
     if figure:  # files before words, as with catalogs
         draw_access(scenario, figure, table, sensors)
     if options.format != "table":
@@ -171,20 +184,19 @@ def _check(options: argparse.Namespace) -> int:
 def _calibrate(options: argparse.Namespace) -> int:
     from warpsim.output.calibration import MOST_FRAMES, calibrate
 
-    n_frame, level = whole_number("--frames", options.frames), number("--level", options.level)
-    if not 1 <= n_frame <= MOST_FRAMES:
+    if not 1 <= options.frames <= MOST_FRAMES:
         raise InputError(f"must be from 1 to {MOST_FRAMES:,}", "--frames", options.frames)
-    if not 0.0 < level <= 1.0:
+    if not 0.0 < options.level <= 1.0:
         raise InputError("must be above 0, and at most 1", "--level", options.level)
     scenario = scenario_of(options.scene)
     start_warp()
     written = calibrate(
         scenario,
         options.output,
-        sensors=names(options.sensors),
-        bands=names(options.bands),
-        n_frame=n_frame,
-        flat_level=level,
+        sensors=options.sensors,
+        bands=options.bands,
+        n_frame=options.frames,
+        flat_level=options.level,
         device=options.device or "cpu",
         overwrite=options.overwrite,
     )
@@ -195,11 +207,9 @@ def _calibrate(options: argparse.Namespace) -> int:
 def _plot(options: argparse.Namespace) -> int:
     from warpsim.plot.figure_files import draw_scenario
 
-    time_s = None if options.time is None else number("--time", options.time)
     scenario = scenario_of(options.scene)
     start_warp()
-    sensors = names(options.sensors)
-    written = draw_scenario(scenario, Path(options.output), time_s, options.overwrite, sensors)
+    written = draw_scenario(scenario, Path(options.output), options.time, options.overwrite, options.sensors)
     files = ", ".join(path.name for path in written)
     say(f"{len(written)} figures of {scenario.scene.name} in {options.output}: {files}")
     return 0
@@ -209,17 +219,16 @@ def _czml(options: argparse.Namespace) -> int:
     from warpsim.output.czml import write_czml
 
     path = Path(options.output)
-    step_s = None if options.step is None else number("--step", options.step)
     scenario = scenario_of(options.scene)
     if options.curves is not None:
         start_warp()
     error_m = write_czml(
         scenario,
         path,
-        step_s,
+        options.step,
         overwrite=options.overwrite,
-        attitudes=_targets(options.attitudes),
-        curves=_targets(options.curves),
+        attitudes=options.attitudes,
+        curves=options.curves,
         html=options.html,
         cesium=options.cesium,
     )
@@ -230,6 +239,75 @@ def _czml(options: argparse.Namespace) -> int:
     return 0
 
 
-def _targets(text: str | None) -> str | list[str] | None:
+def _targets(where: str, text: str) -> str | list[str]:
     """Names of targets, or the word for all of them."""
-    return text if text == "all" else names(text)
+    return text if text == "all" else names(where, text)
+
+
+def _step_s(where: str, text: str) -> float:
+    step_s = number(where, text)
+    if not (math.isfinite(step_s) and step_s > 0):
+        raise InputError("must be > 0", where, text)
+    return step_s
+
+
+def _detect(options: argparse.Namespace) -> int:
+    from warpsim.files import check_new_file
+    from warpsim.measure.detections import detections
+    from warpsim.render.renderer import Renderer
+
+    path = Path(options.output)
+    check_new_file(path, DETECTION_SUFFIXES, options.overwrite)
+    if path.suffix.lower() == ".csv":
+        check_new_file(path.with_suffix(".json"), None, options.overwrite)
+    settings: dict[str, Any] = {
+        "threshold_sigma": options.threshold,
+        "probability": options.probability,
+        "clutter_per_image": options.clutter,
+        "seed": options.seed,
+    }
+    scenario = scenario_of(options.scene)
+    start_warp(options.quiet)
+    renderer = Renderer(scenario, device=options.device)
+    which: dict[str, Any] = {"sensors": options.sensors, "bands": options.bands}
+    some = scenario.sensors_with_access if options.sensors is None else scenario.select_sensors(options.sensors)
+    count = scenario.instrument_of((some or scenario.sensor_names)[0]).frames.count
+    frames = list(chosen_frames(options.frames, range(count)))
+    if not frames:
+        raise InputError(f"must name some of the {count} frames", "--frames", options.frames)
+    if options.images is None:
+        table = detections(renderer, frames, **which, **settings)
+    else:
+        from astropy.table import vstack
+
+        from warpsim.output.wording import progress_bar
+
+        parts = []
+        with progress_bar(len(frames), not options.quiet, "frames") as advance:
+            for one in frames:
+                parts.append(detections(renderer.render([one], **which), method=options.images, **settings))
+                advance(1)
+        table = vstack(parts) if len(parts) > 1 else parts[0]
+    _write_detections(table, path, options.overwrite)
+    n_named = sum(1 for name in table["target"] if name)
+    say(f"{len(table)} detections in {path}, {n_named} of targets")
+    return 0
+
+
+def _write_detections(table: Table, path: Path, overwrite: bool) -> None:
+    """Write a table by the suffix of its file."""
+    if path.suffix.lower() == ".tdm":
+        from warpsim.exchange.tdm import write_tdm
+
+        write_tdm(table, path, overwrite=overwrite)
+    elif path.suffix.lower() == ".parquet":
+        from warpsim.labels.table import write_parquet
+
+        write_parquet(table, path)
+    else:
+        from warpsim.files import whole_file, write_json
+
+        with whole_file(path) as partial:
+            table.write(partial, format=f"ascii.{path.suffix.lower()[1:]}")
+            if path.suffix.lower() == ".csv":  # comments are what plain readers stumble over
+                write_json(dict(table.meta), path.with_suffix(".json"))

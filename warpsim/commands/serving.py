@@ -1,41 +1,60 @@
-"""The command serve: frames for other processes in real time."""
+"""The commands serve (frames for other processes in real time) and view (a page in the browser)."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import signal
+from pathlib import Path
 from typing import Any
 
 from warpsim.commands.options import (
-    SENSORS_HELP,
-    add_scene,
-    frame_numbers,
-    names,
+    BANDS,
+    DEVICE,
+    FRAMES,
+    SCENE,
+    SENSORS,
+    Option,
+    add_command,
+    chosen_frames,
+    is_given,
     number,
     scenario_of,
     start_warp,
     whole_number,
 )
-from warpsim.errors import printable
+from warpsim.errors import InputError, printable
 
 
 def add_commands(commands: Any) -> None:
-    """Add the parser of this command."""
-    serve = commands.add_parser("serve", help="send frames to other processes in real time, until Ctrl-C")
-    add_scene(serve)
-    serve.add_argument("--address", metavar="ADDRESS", help="publish over ZeroMQ: tcp://*:5555, ipc:///tmp/frames")
-    serve.add_argument("--ring", metavar="NAME", help="write to a ring of shared memory: a name in /dev/shm, or a path")
-    serve.add_argument("--control", metavar="ADDRESS", help="take pointing commands over ZeroMQ")
-    serve.add_argument("--rate", metavar="HZ", help="frames per second; the pace of the scene if left out")
-    serve.add_argument("--late", default="drop", metavar="NAME", help="frames that are late: drop (default) or send")
-    serve.add_argument("--loop", action="store_true", help="begin anew after the last frame")
-    serve.add_argument("--wait-for", default="0", metavar="N", help="subscriptions to wait for, none if left out")
-    serve.add_argument("--frames", metavar="A:B[:STEP]", help="frame numbers, like a Python slice")
-    serve.add_argument("--sensors", metavar="NAMES", help=SENSORS_HELP)
-    serve.add_argument("--bands", metavar="NAMES", help="comma-separated band names")
-    serve.add_argument("--ahead", metavar="N", help="frames rendered ahead at most; chosen by rate if left out")
-    serve.add_argument("--device", help="Warp device: cpu, cuda:0, ...")
-    serve.set_defaults(command=_serve)
+    """Add the parsers of these commands."""
+    add_command(
+        commands, "serve", "send frames to other processes in real time, until Ctrl-C", _serve,
+        SCENE,
+        Option("--address ADDRESS", "publish over ZeroMQ: tcp://*:5555, ipc:///tmp/frames"),
+        Option("--ring NAME", "write to a ring of shared memory: a name in /dev/shm, or a path"),
+        Option("--control ADDRESS", "take pointing commands over ZeroMQ"),
+        Option("--rate HZ", "frames per second; the pace of the scene if left out", number),
+        Option("--late NAME", "frames that are late: drop (default) or send", default="drop"),
+        Option("--loop", "begin anew after the last frame"),
+        Option("--wait-for N", "subscriptions to wait for, none if left out", whole_number, 0),
+        FRAMES, SENSORS, BANDS,
+        Option("--ahead N", "frames rendered ahead at most; chosen by rate if left out", whole_number),
+        DEVICE,
+    )  # fmt: skip
+    add_command(
+        commands, "view", "show a scene, a run or a data set in the browser, until Ctrl-C", _view,
+        Option("SOURCE", "preset, scene file, folder of a run or of a data set"),
+        Option("--port N", "of the page on this machine (8080); 0: a free one", whole_number, 8080),
+        SENSORS,
+        Option("--band NAME", "band that is shown; the first of each sensor if left out"),
+        Option("--sequence N", "of a data set", whole_number, 0),
+        Option("--follow ADDRESS", "show what `warpsim serve SOURCE --address ADDRESS` sends"),
+        Option("--record FILE", "write a recording instead: .html, .mp4 or .gif"),
+        Option("--frames A:B[:STEP]", "of the recording; all if left out"),
+        Option("--fps N", "frames per second of the recording (10)", number),
+        Option("--overwrite", "replace an existing recording"),
+    )  # fmt: skip
 
 
 def _serve(options: argparse.Namespace) -> int:
@@ -45,22 +64,20 @@ def _serve(options: argparse.Namespace) -> int:
 
     scenario = scenario_of(options.scene)
     start_warp()
-    sensors = names(options.sensors)
-    instrument = checked_names(scenario, sensors, None)[0]
-    frames = frame_numbers(options.frames)
+    instrument = checked_names(scenario, options.sensors, None)[0]
     with FrameServer(
         Renderer(scenario, options.device),
-        range(instrument.frames.count)[frames] if isinstance(frames, slice) else frames,
-        sensors,
-        names(options.bands),
-        rate_hz=None if options.rate is None else number("--rate", options.rate),
+        chosen_frames(options.frames, range(instrument.frames.count)),
+        options.sensors,
+        options.bands,
+        rate_hz=options.rate,
         address=options.address,
         ring=options.ring,
         control=options.control,
         late=options.late,
         loop=options.loop,
-        wait_for=whole_number("--wait-for", options.wait_for),
-        n_ahead=None if options.ahead is None else whole_number("--ahead", options.ahead),
+        wait_for=options.wait_for,
+        n_ahead=options.ahead,
     ) as server:
         where = [f"{name} {at}" for name in ("address", "ring", "control") if (at := getattr(server, name))]
         print(printable(f"serving {scenario.scene.name}: {', '.join(where)}"), flush=True)
@@ -78,3 +95,40 @@ def _serve(options: argparse.Namespace) -> int:
             f"they were due (99 %: {p99_ms:.2f} ms); {stats.n_dropped} dropped, {stats.n_late} late"
         )
     return 0
+
+
+def _view(options: argparse.Namespace) -> int:
+    from warpsim.live.follow import Follower
+    from warpsim.live.recording import record
+    from warpsim.live.sources import images_from
+    from warpsim.live.view import View
+
+    _check_together(options)
+    port = 0 if options.record else options.port
+    start_warp()
+    with View(images_from(options.source, options.sequence), port, options.sensors, options.band) as page:
+        if options.record is None:
+            page.watch()
+            with Follower(page, options.follow) if options.follow else contextlib.nullcontext():
+                print(f"{page.url} shows {page.scenario.scene.name}; Ctrl-C ends", flush=True)
+                page.run()
+            return 0
+        frames = chosen_frames(options.frames, page.frames)
+        if not frames:
+            raise InputError(f"must be some of {page.frames[0]} to {page.frames[-1]}", "--frames", options.frames)
+        if unknown := sorted(set(frames) - set(page.frames)):
+            raise InputError("is no frame that the page has", "--frames", unknown[0])
+        fps = 10.0 if options.fps is None else options.fps
+        record(page, options.record, frames, fps, options.overwrite)
+        size_mb = Path(options.record).stat().st_size / 1e6
+        print(f"{options.record}: {len(frames)} frames, {size_mb:.3g} MB")
+    return 0
+
+
+def _check_together(options: argparse.Namespace) -> None:
+    """Check that options which belong to a recording come with one, and that it follows nobody."""
+    for name in ("frames", "fps", "overwrite"):
+        if is_given(options, name) and not options.record:
+            raise InputError("goes with --record alone", f"--{name}")
+    if options.record and options.follow:
+        raise InputError("must not come with --record: a page follows, a recording is rendered", "--follow")

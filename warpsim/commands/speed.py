@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpsim.commands.options import counts, names, say, scenario_of, start_warp, whole_number
+from warpsim.commands.options import Option, add_command, counts, names, say, scenario_of, start_warp, whole_number
 from warpsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -14,46 +14,56 @@ if TYPE_CHECKING:
 
 
 def add_commands(commands: Any) -> None:
-    """Add the parsers of these commands."""
-    bench = commands.add_parser("bench", help="frames per second against image size and sensors on this machine")
-    bench.add_argument("scene", nargs="?", help="preset or file: measure each kind of its sensors as it is")
-    bench.add_argument("--device", metavar="NAMES", help="Warp devices: cpu, cuda:0, ...; all if left out")
-    bench.add_argument("--pixels", metavar="N,N", help="rows and columns; 128,256,512,1024 if left out")
-    bench.add_argument("--sensors", metavar="N,N", help="numbers of sensors; 1,20 if left out")
-    bench.add_argument("--stars", metavar="N", help="stars in view, about; 100 if left out")
-    bench.add_argument("--psf", metavar="NAME", help="airy (the default), or gaussian: of 0.7 px")
-    bench.add_argument("--frames", metavar="N", help="frames of a call; as many as 64 MB of counts hold if left out")
-    bench.add_argument("--resident", action="store_true", help="leave counts on the device: nothing is copied")
-    bench.add_argument("--quick", action="store_true", help="fewer and shorter calls: good to a factor, in seconds")
-    bench.add_argument("--json", metavar="FILE", help="also write the figures: .json")
-    bench.add_argument("--overwrite", action="store_true", help="replace an existing file")
-    bench.set_defaults(command=_bench)
+    """Add the parser of this command."""
+    add_command(
+        commands, "bench", "frames per second against image size and sensors on this machine", _bench,
+        Option("[SCENE]", "preset or file: measure each kind of its sensors as it is"),
+        Option("--device NAMES", "Warp devices: cpu, cuda:0, ...; all if left out"),
+        Option("--pixels N,N", "rows and columns; 128,256,512,1024 if left out", counts),
+        Option("--sensors N,N", "numbers of sensors; 1,20 if left out", counts),
+        Option("--stars N", "stars in view, about; 100 if left out", whole_number),
+        Option("--psf NAME", "airy (the default), or gaussian: of 0.7 px"),
+        Option("--frames N", "frames of a call; as many as 64 MB of counts hold if left out", _one_count),
+        Option("--resident", "leave counts on the device: nothing is copied"),
+        Option("--quick", "fewer and shorter calls: good to a factor, in seconds"),
+        Option("--json FILE", "also write the figures: .json"),
+        Option("--overwrite", "replace an existing file"),
+    )  # fmt: skip
 
 
 def _bench(options: argparse.Namespace) -> int:
-    if options.scene is not None:
-        return _bench_scene(options)
     from warpsim.files import check_new_file, write_json
-    from warpsim.speed.report import BenchmarkPlan, as_json, heading, measured, row, stage_table
-    from warpsim.speed.work import PSFS
 
     path = Path(options.json) if options.json else None
     if path:
         check_new_file(path, (".json",), options.overwrite)
-    if options.device is not None and not names(options.device):
+    figures, words = _measure_sizes(options) if options.scene is None else _measure_scene(options)
+    if path:
+        write_json(figures, path)
+        words += f"\n\nfigures in {path}"
+    say(words)
+    return 0
+
+
+def _measure_sizes(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    """Figures of scenes of all sizes, which are printed as they come, and the table of stages."""
+    from warpsim.speed.report import BenchmarkPlan, as_json, heading, measured, row, stage_table
+    from warpsim.speed.work import PSFS
+
+    devices = _devices(options.device)
+    if options.device is not None and not devices:
         raise InputError("must name a device", "--device", options.device)
     if options.psf not in (None, *PSFS):
         raise InputError(f"must be {' or '.join(PSFS)}", "--psf", options.psf)
-    n_star = None if options.stars is None else whole_number("--stars", options.stars)
-    if n_star is not None and n_star < 0:
-        raise InputError("must be >= 0", "--stars", n_star)
+    if options.stars is not None and options.stars < 0:
+        raise InputError("must be >= 0", "--stars", options.stars)
     given: dict[str, Any] = {
-        "devices": None if options.device is None else tuple(names(options.device) or ()),
-        "pixels": counts("--pixels", options.pixels),
-        "sensors": counts("--sensors", options.sensors),
-        "n_star": n_star,
+        "devices": devices or None,
+        "pixels": options.pixels,
+        "sensors": options.sensors,
+        "n_star": options.stars,
         "psf": options.psf,
-        "frames": _frames_of_call(options.frames),
+        "frames": options.frames,
     }
     switches = {"quick": options.quick, "resident": options.resident}
     plan = BenchmarkPlan(**{name: value for name, value in given.items() if value is not None}, **switches)
@@ -63,46 +73,33 @@ def _bench(options: argparse.Namespace) -> int:
     for speed in measured(plan):
         print(row(speed) if speeds else f"{heading(plan)}\n{row(speed)}", flush=True)
         speeds.append(speed)
-    if path:
-        write_json(as_json(plan, speeds), path)
-    print(f"\n{stage_table(speeds)}")
-    if path:
-        say(f"\nfigures in {path}")
-    return 0
+    return as_json(plan, speeds), f"\n{stage_table(speeds)}"
 
 
-def _bench_scene(options: argparse.Namespace) -> int:
-    """Measure a scene as it is: its own images, bands and stars."""
+def _measure_scene(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    """Figures of a scene as it is, with its own images, bands and stars, and their table."""
     from dataclasses import asdict
 
-    from warpsim.files import check_new_file, write_json
     from warpsim.speed.report import scene_speed_table, scene_speeds
 
     for name in ("pixels", "sensors", "stars", "psf"):
         if getattr(options, name) is not None:
             raise InputError("must not be given with a scene, which has its own", f"--{name}")
-    path = Path(options.json) if options.json else None
-    if path:
-        check_new_file(path, (".json",), options.overwrite)
     start_warp()
     scenario = scenario_of(options.scene)
-    devices = () if options.device is None else tuple(names(options.device) or ())
-    n_frame = _frames_of_call(options.frames)
-    speeds = list(scene_speeds(scenario, devices, 3 if options.quick else 9, n_frame, options.resident))
-    say(scene_speed_table(scenario, speeds))
-    if path:
-        write_json({"scene": scenario.scene.name, "cases": [asdict(speed) for speed in speeds]}, path)
-        say(f"\nfigures in {path}")
-    return 0
+    n_call = 3 if options.quick else 9
+    speeds = list(scene_speeds(scenario, _devices(options.device), n_call, options.frames, options.resident))
+    figures = {"scene": scenario.scene.name, "cases": [asdict(speed) for speed in speeds]}
+    return figures, scene_speed_table(scenario, speeds)
 
 
-def _frames_of_call(text: str | None) -> int | None:
-    """Frames of a measured call of bench."""
-    numbers = counts("--frames", text)
-    if numbers is None:
-        return None
-    if len(numbers) > 1:
-        raise InputError("must be one number", "--frames", text)
+def _devices(text: str | None) -> tuple[str, ...]:
+    return tuple(names("--device", text or ""))
+
+
+def _one_count(where: str, text: str) -> int:
+    if len(numbers := counts(where, text)) > 1:
+        raise InputError("must be one number", where, text)
     return numbers[0]
 
 

@@ -28,8 +28,17 @@ def _in_order(pair: tuple[float, float]) -> tuple[float, float]:
 IN_ORDER = AfterValidator(_in_order)
 
 
+class _Distribution:
+    """A distribution, whose first field is the word that a recipe names it with."""
+
+    @property
+    def extremes(self) -> list[Any]:
+        """Values between which, or among which, all are."""
+        return list(getattr(self, next(iter(self.__dataclass_fields__))))  # type: ignore[attr-defined]
+
+
 @config_model
-class Uniform:
+class Uniform(_Distribution):
     """Evenly between two numbers.
 
     Args:
@@ -43,14 +52,9 @@ class Uniform:
         low, high = self.uniform
         return min(max(low + (high - low) * u, low), high)
 
-    @property
-    def extremes(self) -> list[Any]:
-        """Values between which, or among which, all are."""
-        return list(self.uniform)
-
 
 @config_model
-class LogUniform:
+class LogUniform(_Distribution):
     """Between two positive numbers, evenly in the logarithm.
 
     Args:
@@ -64,14 +68,9 @@ class LogUniform:
         low, high = self.log_uniform
         return min(max(math.exp(math.log(low) + (math.log(high) - math.log(low)) * u), low), high)
 
-    @property
-    def extremes(self) -> list[Any]:
-        """Values between which, or among which, all are."""
-        return list(self.log_uniform)
-
 
 @config_model
-class Normal:
+class Normal(_Distribution):
     """A Gaussian, cut off at some number of sigmas.
 
     Args:
@@ -96,7 +95,7 @@ class Normal:
 
 
 @config_model
-class WholeNumbers:
+class WholeNumbers(_Distribution):
     """Whole numbers, both ends included, all as likely.
 
     Args:
@@ -109,11 +108,6 @@ class WholeNumbers:
         """The value at a uniform number in (0, 1)."""
         low, high = self.integer
         return min(low + int(u * (high - low + 1)), high)
-
-    @property
-    def extremes(self) -> list[Any]:
-        """Values between which, or among which, all are."""
-        return list(self.integer)
 
 
 def _any_values(value: Any) -> tuple[Any, ...]:
@@ -128,7 +122,7 @@ def _any_values(value: Any) -> tuple[Any, ...]:
 
 
 @config_model
-class Choice:
+class Choice(_Distribution):
     """One of some values: numbers, words, or whole tables of a scene.
 
     Args:
@@ -154,11 +148,6 @@ class Choice:
             if left < 0 and weight > 0:
                 return copy.deepcopy(value)  # further fields may be drawn into it
         return copy.deepcopy(next(v for v, w in zip(self.choice[::-1], weights[::-1], strict=True) if w > 0))
-
-    @property
-    def extremes(self) -> list[Any]:
-        """Values between which, or among which, all are."""
-        return list(self.choice)
 
 
 KINDS: dict[str, type[Any]] = {

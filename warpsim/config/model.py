@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import difflib
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar, dataclass_transform
 
-from pydantic import ConfigDict, Field, Tag, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, Tag, TypeAdapter, ValidationError, model_validator
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 from pydantic.dataclasses import rebuild_dataclass
 from pydantic_core import ErrorDetails
@@ -62,6 +63,28 @@ def exactly_one(part: object, *names: str) -> None:
         raise InputError("exactly one must be given", ", ".join(names))
 
 
+def one_of(*names: str) -> Any:
+    """Return the validator of a config model that has exactly one of some fields."""
+
+    def check(part: Any) -> Any:
+        exactly_one(part, *names)
+        return part
+
+    return model_validator(mode="after")(check)
+
+
+def parts_with_files(part: Any) -> Iterator[tuple[Any, list[str]]]:
+    """Yield the config models in a config model, or in a tuple of some, that name files, with the paths of these."""
+    if isinstance(part, tuple):
+        for item in part:
+            yield from parts_with_files(item)
+    elif is_dataclass(part):
+        if paths := [path for path in (getattr(part, "file", None), *(getattr(part, "files", None) or ())) if path]:
+            yield part, paths
+        for field in fields(part):
+            yield from parts_with_files(getattr(part, field.name))
+
+
 def choice(tag: str) -> Tag:
     """Return the tag of a member of a union that has no kinds; field paths in messages leave it out."""
     _KINDS.add(tag)
@@ -106,7 +129,8 @@ def _one_error(detail: ErrorDetails, positional: Sequence[str], shorten: Callabl
     elif kind == "union_tag_not_found":
         path, rule, value = f"{path}.kind" if path else "kind", "is required", NO_VALUE
     elif kind in ("unexpected_keyword_argument", "extra_forbidden"):
-        rule, value = _unknown_field(str(detail["loc"][-1])), NO_VALUE
+        name, value = str(detail["loc"][-1]), NO_VALUE
+        rule = f"is not a known field{' here (other parts have it)' if name in _FIELD_NAMES else nearest_field(name)}"
     elif kind == "union_tag_invalid":
         path, rule, value = f"{path}.kind", f"must be one of {context.get('expected_tags')}", context.get("tag")
     elif kind == "literal_error":
@@ -130,13 +154,6 @@ def _path(location: Location, positional: Sequence[str], shorten: Callable[[Loca
     for item in shorten(tuple(kept)):
         text += f"[{item}]" if isinstance(item, int) else f".{item}" if text else item
     return text
-
-
-def _unknown_field(name: str) -> str:
-    """The rule for a field that a config model does not have."""
-    if name in _FIELD_NAMES:
-        return "is not a known field here (other parts have it)"
-    return f"is not a known field{nearest_field(name)}"
 
 
 def nearest_field(name: str) -> str:

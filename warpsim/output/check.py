@@ -14,10 +14,10 @@ from warpsim.output.check_pointing import target_attitude_lines
 from warpsim.output.check_sensor import sensor_lines
 from warpsim.output.wording import counted
 from warpsim.render.stars import Skies
-from warpsim.scene.attitudes import within_scene
 from warpsim.scene.band_descriptions import parts_with_bands, tables_by_band
 from warpsim.scene.groups import TargetGroup, TargetSpec
 from warpsim.scene.scenario import Scenario
+from warpsim.scene.target_histories import within_scene
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.tiles import StarTiles
 from warpsim.target.mesh import Mesh

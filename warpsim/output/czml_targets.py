@@ -21,9 +21,9 @@ from warpsim.orbit.earth import itrs_to_gcrs
 from warpsim.output.czml_parts import MOST_SAMPLES, Dates, Span, body_span_s, solid
 from warpsim.output.czml_views import within
 from warpsim.quaternion import conjugate, from_matrix, in_one_hemisphere, product, rotation_between_rad, slerp
-from warpsim.scene.attitudes import AnyAttitude
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
+from warpsim.scene.target_histories import AnyAttitude
 from warpsim.target.areas import top_radius_m
 from warpsim.target.attitude import BodyMotion
 from warpsim.target.torque_free import TorqueFreeMotion

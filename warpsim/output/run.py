@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arguments import some_names
 from warpsim.detector.detectors import detector_terms, has_maps
 from warpsim.errors import InputError
 from warpsim.files import sha256_of, whole_file, write_fits_table
@@ -31,7 +32,6 @@ from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.provenance import provenance
-from warpsim.scene.roster import some_names
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.version import __version__

@@ -127,10 +127,8 @@ def _counted_words(scenario: Scenario, sensors: Sequence[str], access: Table) ->
     if len(counted) != 1:
         return "what each sensor tracks"
     (targets,) = counted
-    if len(targets) == 1:
-        return scenario.target_names[targets[0]]
-    groups = {scenario.targets[target].group for target in targets}
-    return scenario.group_names[groups.pop()] if len(groups) == 1 else "any target"
+    called = scenario.roster.called(targets)
+    return "any target" if called == ANY else called
 
 
 def _counted(scenario: Scenario, sensor: str, access: Table) -> list[tuple[float, Sequence[int]]]:

@@ -66,12 +66,12 @@ def need_matplotlib(where: str) -> None:
         raise InputError("needs matplotlib, which the extra `plot` brings: pip install 'warpsim[plot]'").of(where)
 
 
-def new_axes(width: float, height: float) -> Axes:
-    """Return the axes of a new pyplot figure [inch]."""
+def new_axes(width: float, height: float, n_row: int = 1, n_col: int = 1) -> Any:
+    """Return the axes of a new pyplot figure [inch]; an array of them for several."""
     need_matplotlib("plot")
     from matplotlib import pyplot as plt
 
-    return plt.subplots(figsize=(width, height), layout="constrained")[1]
+    return plt.subplots(n_row, n_col, figsize=(width, height), layout="constrained")[1]
 
 
 def save_figure(figure: Any, path: Path) -> None:
@@ -273,11 +273,11 @@ class Globe:
         # Each crossing adds the point on the limb; the hidden side of it is NaN already.
         return np.asarray(np.insert(drawn, change + 1, limb, axis=0))
 
-    def limb(self, n: int = 361) -> F64:
-        """Return the limb of the Earth on the drawn plane [1000 km], shape (n, 2)."""
+    def limb(self) -> F64:
+        """Return the limb of the Earth on the drawn plane [1000 km], shape (N_PATH, 2)."""
         ahead = normalised(stretched(self.towards, self.pole))
         first = normalised(np.cross(ahead, np.eye(3)[np.argmin(np.abs(ahead))]))
-        turn = np.linspace(0, 2 * np.pi, n)[:, None]
+        turn = np.linspace(0, 2 * np.pi, N_PATH)[:, None]
         circle = EARTH_EQUATORIAL_RADIUS_M * (np.cos(turn) * first + np.sin(turn) * np.cross(ahead, first))
         return self.project(circle + (circle @ self.pole)[:, None] * self.pole * (1 / _STRETCH - 1))
 

@@ -15,9 +15,10 @@ from warpsim.plot.figure import FIGURE_SUFFIXES, checked_time_s, need_matplotlib
 from warpsim.plot.group_figure import plot_attitudes, plot_group
 from warpsim.plot.image_figure import VIEW_INCH, plot_satellite_view
 from warpsim.plot.scene_figure import SCENE_INCH, plot_ground_tracks, plot_scene
-from warpsim.plot.sky_figure import plot_bands
+from warpsim.plot.sky_figure import plot_bands, plot_star_counts
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
+from warpsim.sky.catalog import StarCatalog
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -54,6 +55,13 @@ def draw_access(
     plot_access(scenario, chart, only_with_access=named is None, access=table, sensors=named)
     chart.set_xlabel("")
     plot_range(scenario, named, ranges, table)
+    save_figure(figure, path)
+
+
+def draw_star_counts(catalog: StarCatalog, path: Path) -> None:
+    """Draw the numbers of a catalog's stars by band and magnitude to a file."""
+    figure = _figure(8.5, 4.8)
+    plot_star_counts(catalog, ax=figure.add_subplot())
     save_figure(figure, path)
 
 

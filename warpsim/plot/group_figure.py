@@ -18,7 +18,6 @@ from warpsim.plot.figure import (
     checked_time_s,
     draw_arrow,
     literal,
-    need_matplotlib,
     new_axes,
     pair,
     plain,
@@ -76,11 +75,7 @@ def plot_group(
     if group is not None and group not in names:
         raise InputError(f"must be one of {', '.join(names)}", "group", group)
     number = 0 if group is None else names.index(group)
-    if axes is None:
-        need_matplotlib("plot")
-        from matplotlib import pyplot as plt
-
-        axes = list(plt.subplots(2, 2, figsize=(8.2, 8), layout="constrained")[1].flat)
+    axes = list(new_axes(8.2, 8.0, 2, 2).flat) if axes is None else axes
     if len(axes) not in (3, 4):
         raise InputError("must be 3 or 4", "axes", len(axes))
     kinds = [kind for kind in target_kinds(scenario) if kind.group == number]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arguments import some_names
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.directions import normalised
 from warpsim.errors import InputError
@@ -38,7 +39,6 @@ from warpsim.plot.figure import (
     target_kinds,
 )
 from warpsim.scene.instrument import Instrument
-from warpsim.scene.roster import some_names
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 from warpsim.scene.sensors import Frames
@@ -264,6 +264,8 @@ def inset(ax: Axes, camera: Camera, in_field: F64, extent_px: float) -> Any:
         in_field: What is enlarged: columns and rows of points, shape (n, 2) [px].
         extent_px: Its width or height, in widths of a pixel.
     """
+    from matplotlib.patches import Rectangle
+
     middle = in_field.min(axis=0) / 2 + in_field.max(axis=0) / 2
     aspect = camera.pixel_aspect
     low, high = (middle + sign * 0.66 * extent_px / np.array([1.0, aspect]) for sign in (-1, 1))
@@ -272,18 +274,12 @@ def inset(ax: Axes, camera: Camera, in_field: F64, extent_px: float) -> Any:
     enlarged.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), aspect=aspect)
     enlarged.tick_params(labelsize=7)
     enlarged.locator_params(nbins=6, steps=[1, 2, 5, 10])
-    _draw_paper(ax, corner_y)
-    ax.indicate_inset_zoom(enlarged, edgecolor=INK, alpha=0.6)
-    return enlarged
-
-
-def _draw_paper(ax: Axes, corner_y: float) -> None:
-    """White behind the numbers of an inset, which would stand on stars or on a black image."""
-    from matplotlib.patches import Rectangle
-
+    # White behind the numbers of the inset, which would stand on stars or on a black image.
     paper = Rectangle((0.5, corner_y - 0.04), 0.49, 0.455, transform=ax.transAxes, zorder=4.8)
     paper.set(facecolor="white", edgecolor="none")
     ax.add_patch(paper)
+    ax.indicate_inset_zoom(enlarged, edgecolor=INK, alpha=0.6)
+    return enlarged
 
 
 def _draw_limb(ax: Axes, view: CameraView, pole: F64) -> None:

@@ -38,9 +38,9 @@ from warpsim.render.target_field import (
     make_radiance,
     surfaces_struct,
 )
-from warpsim.scene.attitudes import within_scene
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
+from warpsim.scene.target_histories import within_scene
 from warpsim.streams import uniforms
 from warpsim.target.areas import body_struct, facets_of, has_facets
 from warpsim.target.patches import patch_areas

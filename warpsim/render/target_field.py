@@ -23,12 +23,12 @@ from warpsim.legendre import series_matrix
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr
-from warpsim.scene.attitudes import AnyAttitude
 from warpsim.scene.environment import Lighting
 from warpsim.scene.exposure import ExposureRule
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import LightTerm
 from warpsim.scene.scenario import Scenario
+from warpsim.scene.target_histories import AnyAttitude
 from warpsim.scene.tracks import Tracks
 from warpsim.target.areas import body_struct, facets_of
 from warpsim.target.attitude import BodyMotion

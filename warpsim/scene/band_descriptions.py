@@ -95,18 +95,14 @@ class BandDescription:
             raise InputError("belongs to file", "column")
         if self.files is not None and not self.files:
             raise InputError("must name at least one", "files")
-        if self.shipped is not None:
-            self._check_shipped(self.shipped)
+        if self.shipped is not None and self.shipped not in SHIPPED:
+            raise InputError(unknown_rule(self.shipped, {}), "shipped", self.shipped)
+        for name in ("per_photon", *_POINTS):
+            if self.shipped is not None and getattr(self, name):
+                raise InputError("must be left out with shipped, which has its own", name)
         if not self.paths:
             self.band("band")  # a response that is none is found here
         return self
-
-    def _check_shipped(self, shipped: str) -> None:
-        if shipped not in SHIPPED:
-            raise InputError(unknown_rule(shipped, {}), "shipped", shipped)
-        for name in ("per_photon", *_POINTS):
-            if getattr(self, name):
-                raise InputError("must be left out with shipped, which has its own", name)
 
     @staticmethod
     def fields_of(band: Band) -> dict[str, Any]:
@@ -293,9 +289,7 @@ def _as_tuple(value: Any) -> Any:
         return (value,)
     if isinstance(value, Mapping):
         raise rule_error("must be a list of names, which a table may describe (did you mean band?)")
-    if not isinstance(value, list | tuple):
-        raise rule_error("must be a list")
-    return tuple(value)
+    return as_tuple(value)
 
 
 BandNames = Annotated[tuple[Annotated[str, PlainValidator(_name_or_band)], ...], BeforeValidator(_as_tuple)]

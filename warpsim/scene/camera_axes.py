@@ -91,14 +91,9 @@ def image_turn(roll_deg: float, offset_px: tuple[float, float], camera: Camera) 
     """
     roll = np.radians(roll_deg)
     rolled = np.array([[np.cos(roll), np.sin(roll), 0.0], [-np.sin(roll), np.cos(roll), 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(_shortest_turn(offset_px, camera) @ rolled)
-
-
-def _shortest_turn(offset_px: tuple[float, float], camera: Camera) -> F64:
-    """Shortest rotation from the boresight to the direction at offset_px from it, in camera axes."""
     (x, y, z), *_ = camera.direction(np.add(camera.centre_px, offset_px)[None])
     across = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])  # cross product with (0, 0, 1) x (x, y, z)
-    return np.asarray(np.eye(3) + across + across @ across / (1.0 + z))
+    return np.asarray((np.eye(3) + across + across @ across / (1.0 + z)) @ rolled)
 
 
 def law_axes(

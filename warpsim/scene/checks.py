@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
 
+from warpsim.config.model import parts_with_files
 from warpsim.detector.artifacts import hit_area
 from warpsim.detector.levels import levels
 from warpsim.errors import InputError, errors_at
@@ -19,7 +19,6 @@ from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, S
 from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, SHIPPED
-from warpsim.scene.attitudes import attitude_tables, within_scene
 from warpsim.scene.background import Background
 from warpsim.scene.band_descriptions import (
     BandDescription,
@@ -36,8 +35,8 @@ from warpsim.scene.pointing_program import check_frames as check_covered
 from warpsim.scene.pointing_program import entry_path, make_program, tracked_targets
 from warpsim.scene.sensors import Frames, Sensor, sensor_instances
 from warpsim.scene.short_form import item_path, with_paths
+from warpsim.scene.target_histories import timed_tables, within_scene
 from warpsim.scene.targets import SceneTarget, with_values
-from warpsim.scene.temperatures import temperature_tables
 from warpsim.target.mesh import Mesh
 from warpsim.target.patches import patch_areas
 from warpsim.target.surface import Graybody
@@ -45,13 +44,7 @@ from warpsim.target.surface import Graybody
 
 def reads_file(part: Any) -> bool:
     """Return whether a part of a description names a file that must be read to know its names."""
-    if isinstance(part, tuple):
-        return any(reads_file(item) for item in part)
-    if not is_dataclass(part):
-        return False
-    if any(getattr(part, name, None) for name in ("file", "files")):
-        return True
-    return any(reads_file(getattr(part, field.name)) for field in fields(part))
+    return any(True for _ in parts_with_files(part))
 
 
 def known_names(path: Any) -> list[str] | None:
@@ -201,20 +194,15 @@ def check_instruments(sensors: Sequence[Sensor], own: Mapping[str, BandDescripti
 
 def check_instrument(sensor: Sensor, bands: Sequence[Band], path: str) -> None:
     """Check that a sensor has a point spread function in bands, and that blank sky does not saturate."""
+    optics = sensor.optics
     with errors_at(path):
         for band in bands:
-            _check_optics(sensor, band)
-            levels(sensor.detector, sensor.optics, sensor.camera, band)
-
-
-def _check_optics(sensor: Sensor, band: Band) -> None:
-    """Check that a band has a point spread function; image files are read on its first use."""
-    optics = sensor.optics
-    if isinstance(optics.psf_file, Mapping) and band.name not in optics.psf_file:
-        raise InputError(f"must name a file for every band, got none for {band.name}", "optics.psf_file")
-    if optics.psf_file is None:
-        with errors_at("optics", f"in band {band.name}"):
-            optics.psf_for(band, sensor.camera, sensor.detector.diffusion_px)
+            if isinstance(optics.psf_file, Mapping) and band.name not in optics.psf_file:
+                raise InputError(f"must name a file for every band, got none for {band.name}", "optics.psf_file")
+            if optics.psf_file is None:  # image files are read on their first use
+                with errors_at("optics", f"in band {band.name}"):
+                    optics.psf_for(band, sensor.camera, sensor.detector.diffusion_px)
+            levels(sensor.detector, optics, sensor.camera, band)
 
 
 def check_targets(groups: Sequence[TargetGroup], sensors: Sequence[Sensor], epoch_utc: str, duration_s: float) -> None:
@@ -234,8 +222,8 @@ def check_targets(groups: Sequence[TargetGroup], sensors: Sequence[Sensor], epoc
                 for value in distribution.extremes:
                     with errors_at(path), errors_at(f"targets[{entry}].spread"):
                         with_values(spec, {field: value})
-    attitude_tables(groups, instant(epoch_utc), duration_s, with_files=False)
-    temperature_tables(groups, instant(epoch_utc), duration_s, with_files=False)
+    timed_tables(groups, "attitude", instant(epoch_utc), duration_s, with_files=False)
+    timed_tables(groups, "temperature", instant(epoch_utc), duration_s, with_files=False)
 
 
 def check_pointing(

@@ -20,7 +20,7 @@ from warpsim.config.fields import (
     rule_error,
     whole_path,
 )
-from warpsim.config.model import config_model, exactly_one
+from warpsim.config.model import config_model, one_of
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, name_among
@@ -55,10 +55,7 @@ class SyntheticStars:
     sky: Literal["astrometric", "infrared"] = "astrometric"
     seed: Annotated[Integer, closed_interval(0, 2**63 - 1)] = 0
 
-    @model_validator(mode="after")
-    def _one_size(self) -> SyntheticStars:
-        exactly_one(self, "n_star", "limit_jy")
-        return self
+    _one_size = one_of("n_star", "limit_jy")
 
 
 def _column_names(value: Any) -> FixedMapping[str]:
@@ -113,14 +110,10 @@ class Sky:
     light_deflection: Switch = False
 
     @model_validator(mode="after")
-    def _table_is_named(self) -> Sky:
+    def _catalog_is_described(self) -> Sky:
         # Not by the field's type: a union has an error for each of its types, and "table" is a tag of others.
         if isinstance(self.table, bool) or not isinstance(self.table, int | str | None):
             raise InputError("must be a name or a whole number", "table", self.table)
-        return self
-
-    @model_validator(mode="after")
-    def _synthetic_is_described(self) -> Sky:
         if (self.catalog == "synthetic") != (self.synthetic is not None):
             raise InputError('must be given with catalog = "synthetic", and only then', "synthetic")
         if self.catalog in BUILT_IN_CATALOGS:

@@ -14,8 +14,8 @@ from warpsim.directions import normalised
 from warpsim.errors import InputError
 from warpsim.legendre import gauss_legendre, series_at, series_matrix
 from warpsim.quaternion import conjugate, rotated
-from warpsim.scene.attitudes import AnyAttitude
 from warpsim.scene.groups import TargetSpec
+from warpsim.scene.target_histories import AnyAttitude
 from warpsim.scene.targets import SceneTarget
 from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.patches import patch_areas

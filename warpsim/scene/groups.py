@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, PlainSerializer, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from warpsim.config.distributions import Distribution
 from warpsim.config.fields import Group, Name, NonNegative, Number, as_tuple, closed_interval, rule_error
@@ -15,6 +15,7 @@ from warpsim.config.model import config_model, exactly_one
 from warpsim.errors import InputError
 from warpsim.orbit.arc import BallisticArc
 from warpsim.orbit.constellations import Constellation, Orbit
+from warpsim.radiometry.by_band import AS_DICT, FixedMapping
 from warpsim.target.attitude import Attitude
 from warpsim.target.attitude_table import AttitudeTable
 from warpsim.target.patches import Patch, check_patches
@@ -32,11 +33,7 @@ SPREAD_PARTS = ("shape", "surface", "temperature", "attitude")
 
 def of_kind(kind: str) -> Callable[[Any], Any]:
     """Return a validator that names the kind of tables that do not say theirs."""
-
-    def name_kind(value: Any) -> Any:
-        return {"kind": kind, **value} if isinstance(value, dict) else value
-
-    return name_kind
+    return lambda value: {"kind": kind, **value} if isinstance(value, dict) else value
 
 
 def kind_or(kind: str) -> Discriminator:
@@ -74,33 +71,18 @@ Speeds = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(as_tuple)]
 Times = Annotated[tuple[Number, Number], BeforeValidator(as_tuple)]
 
 
-class Spread(Mapping[str, Any]):
+class Spread(FixedMapping[Any]):
     """Distributions by field; does not change."""
-
-    def __init__(self, values: Mapping[str, Any]) -> None:
-        self._values = dict(values)
-
-    def __getitem__(self, field: str) -> Any:
-        return self._values[field]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._values)
-
-    def __len__(self) -> int:
-        return len(self._values)
 
     def __hash__(self) -> int:
         return hash(frozenset(self._values))  # values of choices may be lists, which have none
-
-    def __repr__(self) -> str:
-        return repr(self._values)
 
 
 AnySpread = Annotated[
     dict[str, Distribution],
     BeforeValidator(lambda value: dict(value) if isinstance(value, Mapping) else value),
     AfterValidator(Spread),
-    PlainSerializer(lambda value: dict(value)),
+    AS_DICT,
 ]
 """Distributions by field."""
 
@@ -155,16 +137,12 @@ class TargetSpec:
     patches: Annotated[tuple[Patch, ...], BeforeValidator(as_tuple)] = ()
 
     @model_validator(mode="after")
-    def _spread_parts(self) -> TargetSpec:
+    def _parts_fit(self) -> TargetSpec:
         for field in self.spread or ():
             part, _, leaf = field.partition(".")
             if part not in SPREAD_PARTS or not leaf:
                 allowed = ", ".join(f"{name}.*" for name in SPREAD_PARTS)
                 raise InputError(f"must name fields among {allowed}", "spread", field)
-        return self
-
-    @model_validator(mode="after")
-    def _patches_fit(self) -> TargetSpec:
         check_patches(self.shape, self.patches)
         return self
 

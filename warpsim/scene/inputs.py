@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 from pathlib import Path
-from typing import Any
 
 from warpsim.background.user_maps import function_checksum
 from warpsim.config.fields import FUNCTION
+from warpsim.config.model import parts_with_files
 from warpsim.detector.pixel_maps import SENSOR_FIELD
+from warpsim.files import sha256_of
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.pointing import BodyPointing, TablePointing
 from warpsim.scene.scenario import Scenario
@@ -23,37 +23,23 @@ def input_checksums(scenario: Scenario) -> dict[str, str]:
     Raises:
         InputError: The function cannot be called.
     """
-    found: dict[str, str] = {}
     scene = scenario.scene
-
-    def walk(part: Any) -> None:
-        if isinstance(part, tuple):
-            for item in part:
-                walk(item)
-        if not dataclasses.is_dataclass(part) or isinstance(part, TablePointing):
-            return
-        paths = [path for path in (getattr(part, "file", None), *(getattr(part, "files", None) or ())) if path]
-        if paths:
-            found[", ".join(paths)] = part.checksum  # type: ignore[union-attr]
-        for field in dataclasses.fields(part):
-            walk(getattr(part, field.name))
-
-    walk((scene.constellation, scene.groups))
+    found: dict[str, str] = {
+        ", ".join(paths): part.checksum for part, paths in parts_with_files((scene.constellation, scene.groups))
+    }
     images = [instrument.background.image for instrument in scenario.instruments.values()]
     for path in dict.fromkeys((scene.background.sky_map, *images)):
         if path is not None and path.startswith(FUNCTION):
             found[path] = function_checksum(path, list(scenario.bands.values()))
         elif path is not None and Path(path).is_file():
-            found[path] = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+            found[path] = sha256_of(Path(path))
     for name in scenario.bands:
         found |= scene.band[name].checksums if name in scene.band else {}
     for instrument in scenario.instruments.values():
         found |= instrument.sensor.optics.file_checksums | _table_checksums(instrument)
         if (file := instrument.sensor.detector.maps_file) is not None:
             paths = dict.fromkeys(file.replace(SENSOR_FIELD, name) for name in instrument.names)
-            found |= {
-                path: hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in paths if Path(path).is_file()
-            }
+            found |= {path: sha256_of(Path(path)) for path in paths if Path(path).is_file()}
     return found
 
 

@@ -7,7 +7,6 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -15,15 +14,13 @@ import numpy.typing as npt
 from warpsim.arguments import frame_numbers
 from warpsim.detector.levels import Levels, levels
 from warpsim.errors import InputError, errors_at
-from warpsim.instant import instant
 from warpsim.optics.psf import Psf
 from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.intervals import Intervals
 from warpsim.radiometry.band import Band
-from warpsim.scene.attitudes import AnyAttitude
 from warpsim.scene.background import Background
+from warpsim.scene.bodies import SceneBodies
 from warpsim.scene.camera_axes import CommandedAxes
-from warpsim.scene.description import SceneDescription
 from warpsim.scene.exposure import ExposureRule, exposure_rule
 from warpsim.scene.light_terms import LightTerm, light_terms
 from warpsim.scene.pointing import ANY, TRACKED
@@ -40,47 +37,9 @@ from warpsim.scene.pointing_program import (
 from warpsim.scene.sensors import Sensor
 from warpsim.scene.slews import SlewTurn
 from warpsim.scene.target_access import ACCESS_STEP_S, Custom, Observers, can_observe, target_intervals
-from warpsim.scene.targets import SceneTarget
-from warpsim.scene.tracks import Tracks
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-
-
-class SceneBodies(Protocol):
-    """Parts of a scenario that an instrument observes."""
-
-    @property
-    def targets(self) -> Sequence[SceneTarget]:
-        """Return the single targets."""
-
-    @property
-    def tracks(self) -> Tracks:
-        """Return the tracks of satellites and targets."""
-
-    @property
-    def attitudes(self) -> Sequence[AnyAttitude]:
-        """Return the targets' attitudes."""
-
-    @property
-    def breakpoints_s(self) -> dict[str, list[float]]:
-        """Return times of sudden changes of motion, by satellite and target [s]."""
-
-    @property
-    def satellite_names(self) -> list[str]:
-        """Return the names of the satellites."""
-
-    @property
-    def bands(self) -> dict[str, Band]:
-        """Return the spectral bands by name."""
-
-    @property
-    def group_names(self) -> list[str]:
-        """Return the names of the groups."""
-
-    @property
-    def body_names(self) -> set[str]:
-        """Return the names of satellites and sensors."""
 
 
 class Instrument:
@@ -89,20 +48,17 @@ class Instrument:
     Args:
         sensor: Its description.
         instances: Name of each sensor of this kind, and index of its satellite.
-        scene: The scene.
-        bodies: The observed bodies.
+        bodies: The scene, and its bodies.
     """
 
-    def __init__(
-        self, sensor: Sensor, instances: Sequence[tuple[str, int]], scene: SceneDescription, bodies: SceneBodies
-    ) -> None:
-        self.sensor, self._scene, self._bodies = sensor, scene, bodies
+    def __init__(self, sensor: Sensor, instances: Sequence[tuple[str, int]], bodies: SceneBodies) -> None:
+        self.sensor, self._scene, self._bodies = sensor, bodies.scene, bodies
         self.names = [name for name, _ in instances]
         self.satellites = [index for _, index in instances]
         self.satellite_names = [bodies.satellite_names[index] for index in self.satellites]
         self.bands: dict[str, Band] = {name: bodies.bands[name] for name in sensor.bands}
-        self.frames = sensor.frames or scene.frames
-        self.access_rules = sensor.access_rules or scene.access_rules
+        self.frames = sensor.frames or bodies.scene.frames
+        self.access_rules = sensor.access_rules or bodies.scene.access_rules
         self._turns: dict[int, tuple[SlewTurn, ...]] = {}
         self.is_commanded = False
         """Whether its pointing has been commanded from outside while frames were rendered."""
@@ -193,7 +149,7 @@ class Instrument:
         bodies, sensor = self._bodies, self.sensor
         return make_program(
             sensor.pointing, sensors, sensor.camera, bodies.targets, bodies.group_names, bodies.body_names,
-            instant(self._scene.epoch_utc),
+            bodies.epoch,
         )  # fmt: skip
 
     def commanded(self, program: PointingProgram, turns: Mapping[int, tuple[SlewTurn, ...]]) -> Instrument:
@@ -264,9 +220,9 @@ class Instrument:
         """
         return self._bodies.tracks.state(self.satellite_of(sensor), time_s)
 
-    def observers(self, sensors: Sequence[int] | None = None) -> Observers:
-        """Return some of the sensors, all when left out, as observers for access."""
-        chosen = range(len(self.names)) if sensors is None else list(sensors)
+    def observers(self, sensors: Sequence[int]) -> Observers:
+        """Return some of the sensors as observers for access."""
+        chosen = list(sensors)
         tracked = sorted({target for sensor in chosen for _, some in self.program.tracked(sensor) for target in some})
 
         def breaks_s(sensor: int) -> list[float]:

@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from warpsim.errors import errors_at
 from warpsim.instant import Instant, instant_after
 from warpsim.orbit.constellations import invalid_sets, without_lost
 from warpsim.orbit.element_catalog import LeftOut
-from warpsim.scene.attitudes import within_scene
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.motion import MARGIN_S
 from warpsim.scene.short_form import with_paths
+from warpsim.scene.target_histories import within_scene
 
 if TYPE_CHECKING:
     from astropy.table import Table
 
 
-class LeftOutOf(NamedTuple):
-    """An element set, and the part of the scene that does without it."""
-
-    field: str
-    """`constellation`, `groups[1].orbits`."""
-    item: LeftOut
+LeftOutOf = tuple[str, LeftOut]
+"""Part of a scene (`constellation`, `groups[1].orbits`), and an element set that it does without."""
 
 
 def without_lost_satellites(scene: SceneDescription, epoch: Instant) -> tuple[SceneDescription, tuple[LeftOutOf, ...]]:
@@ -36,7 +32,7 @@ def without_lost_satellites(scene: SceneDescription, epoch: Instant) -> tuple[Sc
     """
     with errors_at("constellation"):
         constellation, gone = without_lost(scene.constellation, epoch, -MARGIN_S, scene.duration_s + MARGIN_S)
-        found = [LeftOutOf("constellation", item) for item in (*invalid_sets(scene.constellation), *gone)]
+        found = [("constellation", item) for item in (*invalid_sets(scene.constellation), *gone)]
     changes = {"constellation": constellation} if gone else {}
     groups = []
     for path, group in with_paths("groups", scene.groups):
@@ -45,7 +41,7 @@ def without_lost_satellites(scene: SceneDescription, epoch: Instant) -> tuple[Sc
         with errors_at(path), errors_at(group.path_field):
             flying, gone = without_lost(group.path, start, first_s - MARGIN_S, last_s + MARGIN_S)
             field = f"{path}.{group.path_field}" if path else group.path_field
-            found += [LeftOutOf(field, item) for item in (*invalid_sets(group.path), *gone)]
+            found += [(field, item) for item in (*invalid_sets(group.path), *gone)]
         groups.append(dataclasses.replace(group, orbits=flying) if gone else group)
     if any(one is not other for one, other in zip(groups, scene.groups, strict=True)):
         changes["groups"] = tuple(groups)
@@ -56,12 +52,9 @@ def left_out_table(left_out: tuple[LeftOutOf, ...]) -> Table:
     """Return the table of what a scene does without: part, name, norad_id (-1: unknown), location, reason."""
     from astropy.table import Table
 
-    columns = {
-        "part": [field for field, _ in left_out],
-        "name": [item.name for _, item in left_out],
-        "norad_id": [-1 if item.norad_id is None else item.norad_id for _, item in left_out],
-        "location": [item.location for _, item in left_out],
-        "reason": [item.reason for _, item in left_out],
-    }
-    kinds = {name: "int64" if name == "norad_id" else "str" for name in columns}
-    return Table(columns, dtype=list(kinds.values()) if not left_out else None)
+    kinds = {"part": "str", "name": "str", "norad_id": "int64", "location": "str", "reason": "str"}
+    rows = [
+        (field, item.name, -1 if item.norad_id is None else item.norad_id, item.location, item.reason)
+        for field, item in left_out
+    ]
+    return Table(rows=rows or None, names=list(kinds), dtype=list(kinds.values()))

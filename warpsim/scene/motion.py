@@ -1,22 +1,23 @@
-"""States of all bodies of a scene: satellites, main targets on their trajectories, and released targets."""
+"""States of all bodies of a scene: satellites, main targets, and released ones; and when their velocities jump."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.errors import InputError
+from warpsim.errors import errors_at
 from warpsim.instant import Instant, instant_after
-from warpsim.orbit.constellations import Propagator, states_of
+from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, Propagator, states_of
 from warpsim.orbit.earth import pole_of_date
 from warpsim.orbit.gravity import Gravity, propagate
 from warpsim.scene.groups import AnyConstellation, Release, TargetGroup
 from warpsim.scene.short_form import item_path
+from warpsim.scene.targets import SceneTarget
 from warpsim.streams import uniforms
 
 F64 = npt.NDArray[np.float64]
@@ -70,11 +71,9 @@ class Motion:
         if own is None or len(own):
             parts.append(_states_of(self.constellation, self.epoch, time_s, span_s, "constellation", own))
         for number, (group, some) in enumerate(zip(self.groups, members, strict=True)):
-            try:
-                if some is None or len(some):
+            if some is None or len(some):
+                with errors_at(item_path("groups", number, len(self.groups))):
                     parts.append(self._group_states(group, number, time_s, some))
-            except InputError as error:
-                raise error.within(item_path("groups", number, len(self.groups))) from None
         position, velocity = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
         return position, velocity
 
@@ -113,11 +112,8 @@ class Motion:
             velocities = release_velocities(carrier_m_s, len(group.releases) - 1, speeds, self.seed, number)
             start = np.repeat(carrier_m, len(rows), axis=0), velocities[members[rows] - 1]
             free = time_s >= release.time_s - MARGIN_S
-            try:
+            with errors_at(group.path_field, f"no flight after the release at {release.time_s:g} s"):
                 flown = propagate(*start, time_s[free] - release.time_s, gravity, pole, release.time_s)
-            except InputError as error:
-                what = f"no flight after the release at {release.time_s:g} s"
-                raise error.of(what).within(group.path_field) from None
             for states, own in zip((position, velocity), flown, strict=True):
                 states[np.ix_(free, rows)] = own
         velocity[stays] = 0.0
@@ -144,14 +140,12 @@ def _states_of(
     bodies: I64 | None = None,
 ) -> tuple[F64, F64]:
     """States of a constellation or trajectory; its errors begin with the field that describes it."""
-    try:
+    with errors_at(field):
         return states_of(path, epoch, time_s, within_s, bodies)
-    except InputError as error:
-        raise error.within(field) from None
 
 
 def release_velocities(
-    main_velocity_m_s: npt.ArrayLike, n: int, speed_m_s: tuple[float, float], seed: int, group: int = 0
+    main_velocity_m_s: F64, n: int, speed_m_s: tuple[float, float], seed: int, group: int = 0
 ) -> F64:
     """Return inertial velocities of released targets [m/s], shape (n, 3).
 
@@ -159,21 +153,55 @@ def release_velocities(
     group: 2 to 5 m/s). Target i uses numbers 3i to 3i + 2 of the seed's stream for the group's releases, so a larger
     group begins with the smaller one.
     """
-    main = np.asarray(main_velocity_m_s, np.float64)
-    if main.shape != (3,) or not np.isfinite(main).all():
-        raise InputError("must be a finite 3-vector", "main_velocity_m_s", main.tolist())
-    if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 0:
-        raise InputError("must be a whole number >= 0", "n", n)
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
-        raise InputError("must be a whole number in 0..2^64 - 1", "seed", seed)
-    low, high = (float(value) for value in speed_m_s)
-    if not (math.isfinite(high) and 0.0 <= low <= high):
-        raise InputError("must be two numbers with 0 <= low <= high", "speed_m_s", speed_m_s)
-
-    uniform = uniforms(int(seed), "group release", group, 3 * int(n)).reshape(int(n), 3)
+    low, high = speed_m_s
+    uniform = uniforms(seed, "group release", group, 3 * n).reshape(n, 3)
     z = 2.0 * uniform[:, 0] - 1.0  # equal areas in z: isotropic
     azimuth = 2.0 * math.pi * uniform[:, 1]
     speed = low + (high - low) * uniform[:, 2]
     across = np.sqrt(1.0 - z * z)
     direction = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], axis=1)
-    return np.asarray(main + speed[:, None] * direction)
+    return np.asarray(main_velocity_m_s + speed[:, None] * direction)
+
+
+def breakpoints_s(
+    constellation: AnyConstellation,
+    groups: Sequence[TargetGroup],
+    targets: Sequence[SceneTarget],
+    epoch: Instant,
+    duration_s: float,
+) -> dict[str, list[float]]:
+    """Return the times at which the velocity of each satellite and target may jump, ascending [s after the epoch].
+
+    Only those within the scene, and only those that are known: of paths that have `breaks_s(epoch)`, releases, and the
+    ends of a target's existence. Until its release a target's are those of its group's main target.
+    """
+    found = dict(_path_breaks(constellation, constellation.names, epoch))
+    paths = [_group_breaks(group, epoch) for group in groups]
+    mains = {target.group: target.name for target in reversed(targets)}
+    for target in targets:
+        own = paths[target.group].get(target.name, [])
+        if target.is_released:
+            carried = paths[target.group].get(mains[target.group], [])
+            own = [time_s for time_s in carried if time_s < target.release_s] + [target.release_s]
+        found[target.name] = [*own, *target.exists_s]
+    return {name: sorted({time for time in times if 0 < time < duration_s}) for name, times in found.items()}
+
+
+def _group_breaks(group: TargetGroup, epoch: Instant) -> dict[str, list[float]]:
+    """Breakpoints of the paths of a group, by target [s after the scene's epoch]."""
+    names = group.names if group.orbits is not None else group.names[:1]
+    breaks = _path_breaks(group.path, names, instant_after(epoch, group.start_s))
+    return {name: [time_s + group.start_s for time_s in times] for name, times in breaks}
+
+
+def _path_breaks(path: object, names: Sequence[str], epoch: Instant) -> Iterator[tuple[str, list[float]]]:
+    """Breakpoints by name in a path or constellation; objects of one part have them in common."""
+    if isinstance(path, MixedConstellation):
+        for item in path.parts:
+            yield from _path_breaks(item, item.names, epoch)
+    elif isinstance(path, ListedSatellites):
+        for satellite in path.satellites:
+            yield from _path_breaks(satellite.orbit, [satellite.name], epoch)
+    else:
+        breaks_s = getattr(path, "breaks_s", None)
+        yield from ((name, [] if breaks_s is None else breaks_s(epoch)) for name in names)

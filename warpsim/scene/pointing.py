@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, Tag, model_validator
 
+from warpsim.arguments import some_names
 from warpsim.config.fields import (
     FileName,
     NonNegative,
@@ -20,7 +21,7 @@ from warpsim.config.fields import (
     closed_interval,
     rule_error,
 )
-from warpsim.config.model import config_model, exactly_one
+from warpsim.config.model import config_model, exactly_one, one_of
 from warpsim.errors import InputError
 from warpsim.quaternion import rotated
 from warpsim.scene.groups import kind_or
@@ -65,8 +66,7 @@ def satellites_of(patterns: Sequence[str], names: Sequence[str]) -> list[int]:
     for number, pattern in enumerate(patterns):
         if pattern != ALL and not any(fnmatchcase(name, pattern) for name in names):
             field = "on" if len(patterns) == 1 else f"on[{number}]"
-            known = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
-            raise InputError(f"must be satellites of the constellation ({known})", field, pattern)
+            raise InputError(f"must be satellites of the constellation ({some_names(names)})", field, pattern)
     chosen = [ALL in patterns or any(fnmatchcase(name, pattern) for pattern in patterns) for name in names]
     return [index for index, is_chosen in enumerate(chosen) if is_chosen]
 
@@ -98,10 +98,7 @@ class Bias:
     rms_urad: Annotated[NonNegative, closed_interval(0, 1e5)] | None = None
     urad: Pixels | None = None
 
-    @model_validator(mode="after")
-    def _one(self) -> Bias:
-        exactly_one(self, "rms_urad", "urad")
-        return self
+    _one = one_of("rms_urad", "urad")
 
 
 @config_model
@@ -119,10 +116,7 @@ class Drift:
     urad_s: Pixels | None = None
     reset_s: Annotated[Positive, closed_interval(1e-3, 1e9)] | None = None
 
-    @model_validator(mode="after")
-    def _one(self) -> Drift:
-        exactly_one(self, "rms_urad_s", "urad_s")
-        return self
+    _one = one_of("rms_urad_s", "urad_s")
 
 
 @config_model
@@ -191,10 +185,7 @@ class FixedPointing(_AnyPointing):
     azimuth_elevation_deg: Direction | None = None
     kind: Literal["fixed"] = Field(default="fixed", kw_only=True)
 
-    @model_validator(mode="after")
-    def _one_direction(self) -> FixedPointing:
-        exactly_one(self, "ra_dec_deg", "azimuth_elevation_deg")
-        return self
+    _one_direction = one_of("ra_dec_deg", "azimuth_elevation_deg")
 
 
 @config_model

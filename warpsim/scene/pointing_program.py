@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -39,7 +40,7 @@ from warpsim.scene.pointing import (
     Up,
     satellites_of,
 )
-from warpsim.scene.pointing_table import DirectionRows, check_cover, check_rate, direction_rows
+from warpsim.scene.pointing_table import DirectionRows, check_rate, direction_rows
 from warpsim.scene.slews import NO_TURN, SlewTurn, between, slew_part, turn_between
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
@@ -72,16 +73,16 @@ class SensorProgram:
     """Commanded steps of one sensor, and its pointing errors."""
 
     steps: tuple[Step, ...]
-    table: DirectionRows | None
-    """Rows of its table, where it has one."""
-    is_scan: bool
-    """Whether the camera moves from row to row."""
     slew: Slew | None
     bias: Bias | None
     drift: Drift | None
     jitter: Jitter | None
     entry: int
     """Index of the entry of the sensor's `pointing`."""
+    table: DirectionRows | None = None
+    """Rows of its table, where it has one."""
+    is_scan: bool = False
+    """Whether the camera moves from row to row."""
     attitude: AttitudeRows | None = None
     """Attitude of the body that the camera is fixed in, where it is in one."""
 
@@ -128,9 +129,6 @@ def make_program(
             if ALL not in pointing.on and all(index in taken for index in chosen):
                 raise InputError("must choose a satellite that no entry before it does", "on", list(pointing.on))
             taken |= {index: number for index in chosen if index not in taken}
-    for index, (name, _) in enumerate(sensors):
-        if index not in taken:
-            raise InputError(f"must say where every sensor looks, got nothing for {name}", "pointing")
     maker = _Maker(camera, targets, groups, known, [], epoch)
     made: dict[int, SensorProgram] = {}
     for number, pointing in enumerate(pointings):
@@ -167,66 +165,62 @@ class _Maker:
         if not sensors:
             return []
         if isinstance(pointing, TablePointing):
-            return self._of_table(pointing, sensors, entry)
-        if isinstance(pointing, BodyPointing):
-            return self._of_attitude(pointing, sensors, entry)
-        if isinstance(pointing, SchedulePointing):
-            steps = self._schedule_steps(pointing)
+            courses = self._of_table(pointing, sensors)
+        elif isinstance(pointing, BodyPointing):
+            courses = self._of_attitude(pointing, sensors)
         else:
-            steps = (Step(-math.inf, self._add(pointing, pointing.up, pointing.roll_deg)),)
-        slew = pointing.slew if isinstance(pointing, SchedulePointing) else None
-        errors = pointing.bias, pointing.drift, pointing.jitter
-        return [SensorProgram(steps, None, False, slew, *errors, entry)] * len(sensors)
+            courses = [{"steps": self._steps(pointing)}] * len(sensors)
+        errors = {name: getattr(pointing, name) for name in ("bias", "drift", "jitter")}
+        slew = getattr(pointing, "slew", None)
+        return [SensorProgram(**course, **errors, slew=slew, entry=entry) for course in courses]
 
-    def _of_table(self, pointing: TablePointing, sensors: Sequence[tuple[str, str]], entry: int) -> list[SensorProgram]:
-        errors = pointing.bias, pointing.drift, pointing.jitter
+    def _of_table(self, pointing: TablePointing, sensors: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:
         turn = image_turn(pointing.roll_deg, (0.0, 0.0), self.camera)
         tables = direction_rows(pointing, sensors, self.known)
         if pointing.mode == "scan":
-            steps = (Step(-math.inf, len(self.laws)),)
-            self.laws.append(PointingLaw("scan", pointing.up, turn, local=tables[0].local))
-            return [SensorProgram(steps, own, True, pointing.slew, *errors, entry) for own in tables]
-        steps_of = {id(own): self._row_steps(own, pointing.up, turn) for own in dict.fromkeys(tables)}
-        return [SensorProgram(steps_of[id(own)], own, False, pointing.slew, *errors, entry) for own in tables]
+            steps = (self._step(PointingLaw("scan", pointing.up, turn, local=tables[0].local)),)
+            return [{"steps": steps, "table": own, "is_scan": True} for own in tables]
+        steps_of: dict[int, tuple[Step, ...]] = {}
+        for own in dict.fromkeys(tables):
+            rows = zip(own.time_s.tolist(), own.direction, own.roll_rad.tolist(), strict=True)
+            steps_of[id(own)] = tuple(
+                self._step(
+                    PointingLaw("fixed", pointing.up, turn, range(0), direction, own.local, roll),
+                    time_s,
+                    f"rows[{n}].time_s",
+                )
+                for n, (time_s, direction, roll) in enumerate(rows)
+            )
+        return [{"steps": steps_of[id(own)], "table": own} for own in tables]
 
-    def _of_attitude(
-        self, pointing: BodyPointing, sensors: Sequence[tuple[str, str]], entry: int
-    ) -> list[SensorProgram]:
+    def _of_attitude(self, pointing: BodyPointing, sensors: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:
         assert self.epoch is not None  # callers know that there is a file
-        errors = pointing.bias, pointing.drift, pointing.jitter
-        steps = (Step(-math.inf, len(self.laws)),)
         turn = image_turn(pointing.roll_deg, (0.0, 0.0), self.camera) @ pointing.axes_in_body
-        self.laws.append(PointingLaw("attitude", pointing.up, turn))
+        steps = (self._step(PointingLaw("attitude", pointing.up, turn)),)
         rows: dict[tuple[str, str | None], AttitudeRows] = {}
-        programs = []
+        courses = []
         for _, satellite in sensors:
             name = pointing.object and pointing.object.replace(SATELLITE, satellite)
             key = pointing.file.replace(SATELLITE, satellite), name
             rows[key] = rows.get(key) or AttitudeTable(file=key[0], object=name).rows(self.epoch)
-            programs.append(SensorProgram(steps, None, False, None, *errors, entry, rows[key]))
-        return programs
+            courses.append({"steps": steps, "attitude": rows[key]})
+        return courses
 
-    def _row_steps(self, table: DirectionRows, up: Up, turn: F64) -> tuple[Step, ...]:
-        """A step for each row of a table."""
-        steps = []
-        rows = zip(table.time_s, table.direction, table.roll_rad, strict=True)
-        for number, (time_s, direction, roll) in enumerate(rows):
-            steps.append(Step(float(time_s), len(self.laws), f"rows[{number}].time_s"))
-            self.laws.append(PointingLaw("fixed", up, turn, range(0), direction, table.local, float(roll)))
-        return tuple(steps)
-
-    def _schedule_steps(self, pointing: SchedulePointing) -> tuple[Step, ...]:
+    def _steps(self, pointing: TrackPointing | FixedPointing | SchedulePointing) -> tuple[Step, ...]:
+        about = self.camera, self.targets, self.groups
+        if not isinstance(pointing, SchedulePointing):
+            return (self._step(law_of(pointing, pointing.up, pointing.roll_deg, *about)),)
         steps = []
         for number, item in enumerate(pointing.steps):
             with errors_at(f"steps[{number}]"):
-                law = self._add(item, pointing.up, pointing.roll_deg + item.roll_deg)
-            steps.append(Step(item.start_s, law, f"steps[{number}].start_s"))
+                law = law_of(item, pointing.up, pointing.roll_deg + item.roll_deg, *about)
+            steps.append(self._step(law, item.start_s, f"steps[{number}].start_s"))
         return tuple(steps)
 
-    def _add(self, what: TrackPointing | FixedPointing | PointingStep, up: Up, roll_deg: float) -> int:
-        """Add the law of one target or direction; its index."""
-        self.laws.append(law_of(what, up, roll_deg, self.camera, self.targets, self.groups))
-        return len(self.laws) - 1
+    def _step(self, law: PointingLaw, start_s: float = -math.inf, field: str = "") -> Step:
+        """A step by a law, which joins the others."""
+        self.laws.append(law)
+        return Step(start_s, len(self.laws) - 1, field)
 
 
 def law_of(
@@ -369,13 +363,17 @@ def check_frames(program: PointingProgram, names: Sequence[str], time_s: F64) ->
     """Check that the commanded pointing covers the times of frames."""
     if not time_s.size:
         return
-    earliest_s = time_s.min()
+    earliest_s, latest_s = time_s.min(), time_s.max()
     for name, own in zip(names, program.sensors, strict=True):
         if own.scan is not None:
-            check_cover(own.scan, True, name, time_s)
+            begin_s, end_s = own.scan.time_s[[0, -1]]
+            if earliest_s < begin_s or latest_s > end_s:
+                outside_s = earliest_s if earliest_s < begin_s else latest_s
+                rule = f"the rows of {name} cover [{begin_s:g}, {end_s:g}] s, not the frame at {outside_s:g} s"
+                raise InputError(rule, "pointing")
         elif own.attitude is not None:
             with errors_at("pointing", name):
-                own.attitude.at([earliest_s, time_s.max()])
+                own.attitude.at([earliest_s, latest_s])
         elif own.steps[0].start_s > earliest_s:
             first_s = own.steps[0].start_s
             what = "rows" if own.steps[0].field.startswith("rows") else "steps"

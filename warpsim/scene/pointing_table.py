@@ -122,18 +122,6 @@ def direction_rows(pointing: TablePointing, sensors: Sequence[tuple[str, str]], 
     return [own for own in found if own is not None]
 
 
-def check_cover(rows: DirectionRows, scan: bool, sensor: str, time_s: F64) -> None:
-    """Check that the rows of a sensor cover times."""
-    if not time_s.size:
-        return
-    start, end = float(rows.time_s[0]), float(rows.time_s[-1])
-    low, high = float(time_s.min()), float(time_s.max())
-    if low < start or (scan and high > end):
-        span = f"[{start:g}, {end:g}] s" if scan else f"from {start:g} s on"
-        outside = low if low < start else high
-        raise InputError(f"the rows of {sensor} cover {span}, not the frame at {outside:g} s", "pointing")
-
-
 def check_rate(rows: DirectionRows, slew: Slew) -> None:
     """Check that a scan keeps the largest rate of the camera."""
     step_s = np.diff(rows.time_s)

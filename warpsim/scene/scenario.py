@@ -9,17 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from warpsim.arguments import times_s
+from warpsim.arguments import some_names, times_s
 from warpsim.errors import InputError, errors_at
-from warpsim.instant import Instant, instant
 from warpsim.orbit.access_constraints import AccessConstraints, MarginFunction
 from warpsim.orbit.sun import earth_states, eclipses, sunlit_fraction
 from warpsim.quaternion import rotated
-from warpsim.radiometry.band import Band
-from warpsim.scene.access_report import access_report, check_rules, chosen_sensors, eclipse_table
-from warpsim.scene.attitudes import AnyAttitude, attitude_tables, target_attitudes
-from warpsim.scene.band_descriptions import find_band, needs_file
-from warpsim.scene.breakpoints import breakpoints_s
+from warpsim.scene.band_descriptions import needs_file
+from warpsim.scene.bodies import SceneBodies
 from warpsim.scene.checks import (
     check_access_target,
     check_instances,
@@ -31,15 +27,10 @@ from warpsim.scene.checks import (
 )
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
-from warpsim.scene.left_out import left_out_table, without_lost_satellites
-from warpsim.scene.roster import Roster, some_names
-from warpsim.scene.sensors import sensor_instances
+from warpsim.scene.left_out import left_out_table
+from warpsim.scene.roster import Roster, check_rules, table_of_times
 from warpsim.scene.short_form import with_paths
 from warpsim.scene.target_access import ACCESS_STEP_S, target_margins
-from warpsim.scene.targets import SceneTarget, scene_targets
-from warpsim.scene.temperatures import target_temperatures, temperature_tables
-from warpsim.scene.tracks import Tracks, build_tracks
-from warpsim.target.temperature import TemperatureRows
 from warpsim.target.timed_rows import END_SLACK_S
 
 if TYPE_CHECKING:
@@ -48,7 +39,7 @@ if TYPE_CHECKING:
 F64 = npt.NDArray[np.float64]
 
 
-class Scenario:
+class Scenario(SceneBodies):
     """Derived data of a scene: tracks, attitudes, temperatures, pointing, access, noise levels.
 
     Args:
@@ -59,19 +50,12 @@ class Scenario:
     """
 
     def __init__(self, scene: SceneDescription) -> None:
-        if not isinstance(scene, SceneDescription):
-            rule = f"must be a Scene, got {type(scene).__name__}; Scene.load reads presets and files"
-            raise InputError(rule, "scene")
-        self.epoch: Instant = instant(scene.epoch_utc)
-        """What all times count from."""
-        scene, self._left_out = without_lost_satellites(scene, self.epoch)
-        self.scene = scene
-        """The description, without the satellites of element sets that have no state in it."""
+        super().__init__(scene)
+        scene = self.scene
         self._check_names()
         check_paths(scene.constellation, scene.groups, self.epoch, scene.duration_s)
         check_target_files(scene.groups)
-        self._attitude_tables = attitude_tables(scene.groups, self.epoch, scene.duration_s)
-        self._temperature_tables = temperature_tables(scene.groups, self.epoch, scene.duration_s)
+        _ = self._attitude_tables, self._temperature_tables  # checks them
         self._check_instruments()
 
     def _check_names(self) -> None:
@@ -102,12 +86,6 @@ class Scenario:
         return f"Scenario({self.scene.name}: {len(self.sensor_names)} sensors, {len(self.target_names)} targets)"
 
     @cached_property
-    def satellite_names(self) -> list[str]:
-        """Names of the satellites, in the order of the constellation."""
-        with errors_at("constellation"):
-            return list(self.scene.constellation.names)
-
-    @cached_property
     def left_out(self) -> Table:
         """Element sets that the scene does without, as a table: part of the scene, name, norad_id, location, reason.
 
@@ -119,11 +97,8 @@ class Scenario:
     @cached_property
     def instruments(self) -> dict[str, Instrument]:
         """Instruments by name: each kind of sensor with its derived data."""
-        instances = sensor_instances(self.scene.sensors, self.satellite_names)
-        return {
-            sensor.name: Instrument(sensor, own, self.scene, self)
-            for sensor, own in zip(self.scene.sensors, instances, strict=True)
-        }
+        sensors = zip(self.scene.sensors, self._instances, strict=True)
+        return {sensor.name: Instrument(sensor, own, self) for sensor, own in sensors}
 
     @property
     def instrument(self) -> Instrument:
@@ -155,61 +130,6 @@ class Scenario:
             InputError: There is no such sensor.
         """
         return self.roster.instrument_of(sensor)
-
-    @cached_property
-    def targets(self) -> list[SceneTarget]:
-        """The single targets, group by group, the main target of each first."""
-        return scene_targets(self.scene.groups, self.scene.seed)
-
-    @cached_property
-    def target_names(self) -> list[str]:
-        """Names of the single targets, in that order."""
-        return [target.name for target in self.targets]
-
-    @property
-    def group_names(self) -> list[str]:
-        """Names of the groups."""
-        return [group.name for group in self.scene.groups]
-
-    @cached_property
-    def body_names(self) -> set[str]:
-        """Names of satellites and sensors, that rows of directions may name."""
-        return {*self.satellite_names, *self.sensor_names}
-
-    @cached_property
-    def bands(self) -> dict[str, Band]:
-        """Spectral bands of all sensors, by name.
-
-        Raises:
-            InputError: The file of one cannot be read, or holds no response.
-        """
-        names = dict.fromkeys(name for sensor in self.scene.sensors for name in sensor.bands)
-        return {name: find_band(name, self.scene.band) for name in names}
-
-    @cached_property
-    def tracks(self) -> Tracks:
-        """States of satellites and targets at the nodes of one time grid."""
-        scene = self.scene
-        return build_tracks(scene.constellation, scene.groups, self.targets, self.epoch, scene.duration_s, scene.seed)
-
-    @cached_property
-    def breakpoints_s(self) -> dict[str, list[float]]:
-        """Times at which the velocity of each satellite and target may jump [s after the epoch]."""
-        scene = self.scene
-        return breakpoints_s(scene.constellation, scene.groups, self.targets, self.epoch, scene.duration_s)
-
-    @cached_property
-    def attitudes(self) -> list[AnyAttitude]:
-        """Attitude motion of each single target; `.at(time_s)` gives the rotation."""
-        return target_attitudes(self.targets, self.tracks, self._attitude_tables, self.scene.seed)
-
-    @cached_property
-    def temperatures(self) -> list[TemperatureRows]:
-        """Temperature of each single target; `.at(time_s)` gives it."""
-        return target_temperatures(
-            self.targets, self.tracks, self.attitudes, self._temperature_tables, list(self.bands),
-            self.scene.duration_s, len(self.scene.groups),
-        )  # fmt: skip
 
     def position_m(self, name: str, time_s: npt.ArrayLike) -> F64:
         """Return the geocentric position of a sensor, a satellite, a target or "sun" in GCRS axes.
@@ -343,7 +263,7 @@ class Scenario:
         Raises:
             InputError: An unknown name, or a custom constraint that gives another shape, or NaN.
         """
-        return access_report(self.roster, target, sensors, rules, custom, step_s, self.scene.epoch_utc)
+        return self.roster.access(target, sensors, rules, custom, step_s, self.scene.epoch_utc)
 
     def access_margins(
         self,
@@ -365,7 +285,7 @@ class Scenario:
         Raises:
             InputError: As `access`, or sensors of several kinds.
         """
-        times, chosen = times_s(time_s), chosen_sensors(self.roster, sensors)
+        times, chosen = times_s(time_s), self.roster.distinct_sensors(sensors)
         check_rules(rules, custom)
         instrument = self.instrument_of(chosen[0])
         if any(name not in instrument.index_of for name in chosen):
@@ -417,4 +337,6 @@ class Scenario:
         else:
             position_m = tracks.of(body).position_at_m
         found = eclipses(position_m, tracks.sun.position_at_m, tracks.pole_icrs, self.scene.duration_s, step_s)
-        return eclipse_table(found, {"name": name, "epoch_utc": self.scene.epoch_utc})
+        rows = [(*eclipse, eclipse.end_s - eclipse.start_s) for eclipse in found]
+        names = ("start_s", "umbra_start_s", "umbra_end_s", "end_s", "duration_s")
+        return table_of_times(rows, names, {"name": name, "epoch_utc": self.scene.epoch_utc})

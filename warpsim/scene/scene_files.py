@@ -117,42 +117,35 @@ def with_relative_paths(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 def _with_paths(data: dict[str, Any], change: Callable[[Any], Any]) -> dict[str, Any]:
     """Nested dicts with each path changed."""
-
-    def walk(value: Any) -> Any:
-        if isinstance(value, list):
-            return [walk(item) for item in value]
-        if not isinstance(value, dict):
-            return value
-        result = {name: walk(item) for name, item in value.items()}
-        for name in result.keys() & PATH_KEYS:
-            given = value[name]
-            if isinstance(given, dict) and name == "psf_file":
-                result[name] = {band: change(path) for band, path in given.items()}
-            else:
-                result[name] = [change(path) for path in given] if isinstance(given, list) else change(given)
-        return result
-
-    data = walk(data)
+    data = _changed(data, change, PATH_KEYS)
     sky = data.get("sky")
     if isinstance(sky, dict) and sky.get("catalog", "default") not in BUILT_IN_CATALOGS:
         data = {**data, "sky": {**sky, "catalog": change(sky["catalog"])}}
     return data
 
 
-def named_files(value: Any) -> list[str]:
-    """All paths under PATH_KEYS in nested dicts, once each, in order."""
+def _changed(value: Any, change: Callable[[Any], Any], keys: set[str]) -> Any:
+    """Nested dicts and lists with what stands under some keys changed: one value, a list, or a table by band."""
     if isinstance(value, list):
-        paths = [path for item in value for path in named_files(item)]
-    elif isinstance(value, dict):
-        single = (value.get(name) for name in ("file", "sky_map", "image"))
-        own = [path for path in single if isinstance(path, str) and not path.startswith(FUNCTION)]
-        own += [path for path in value.get("files", ()) if isinstance(path, str)]
-        psf = value.get("psf_file")
-        own += [path for path in (psf.values() if isinstance(psf, dict) else [psf]) if isinstance(path, str)]
-        paths = [*own, *(path for item in value.values() for path in named_files(item))]
-    else:
-        paths = []
-    return list(dict.fromkeys(paths))
+        return [_changed(item, change, keys) for item in value]
+    if not isinstance(value, dict):
+        return value
+    result = {}
+    for name, item in value.items():
+        if name not in keys:
+            result[name] = _changed(item, change, keys)
+        elif isinstance(item, dict) and name == "psf_file":
+            result[name] = {band: change(path) for band, path in item.items()}
+        else:
+            result[name] = [change(path) for path in item] if isinstance(item, list) else change(item)
+    return result
+
+
+def named_files(value: Any) -> list[str]:
+    """All paths under PATH_KEYS in nested dicts, once each, in order; but for maps: each sensor has its own."""
+    found: list[Any] = []
+    _changed(value, found.append, PATH_KEYS - {"maps_file"})
+    return list(dict.fromkeys(path for path in found if isinstance(path, str) and not path.startswith(FUNCTION)))
 
 
 def to_toml(data: dict[str, Any]) -> str:
@@ -165,7 +158,11 @@ def to_toml(data: dict[str, Any]) -> str:
 
 def _table_lines(table: dict[str, Any], heading: str) -> list[str]:
     """Lines of one table: first its single-line values, then its tables."""
-    parts = {key: value for key, value in table.items() if _is_table(value) and not (heading and _fits(key, value))}
+
+    def fits(key: str, value: Any) -> bool:
+        return bool(heading) and len(key) + len(_toml_value(value)) <= WIDTH
+
+    parts = {key: value for key, value in table.items() if _is_table(value) and not fits(key, value)}
     lines = [f"{_toml_key(key)} = {_toml_value(value)}" for key, value in table.items() if key not in parts]
     for key, value in parts.items():
         name = f"{heading}.{_toml_key(key)}" if heading else _toml_key(key)
@@ -174,10 +171,6 @@ def _table_lines(table: dict[str, Any], heading: str) -> list[str]:
         else:
             lines += [line for item in value for line in ("", f"[[{name}]]", *_table_lines(item, name))]
     return lines
-
-
-def _fits(key: str, value: Any) -> bool:
-    return len(key) + len(_toml_value(value)) <= WIDTH
 
 
 def _is_table(value: Any) -> bool:

@@ -56,20 +56,13 @@ def shortened(values: Mapping[str, Any]) -> Callable[[Location], Location]:
             return location
         item = items[number] if number < len(items) else None
         inner = rest[1:]
-        if inner[:2] == ["pointing", 0] and _is_one(_pointing_of(item)):
-            inner = ["pointing", *inner[2:]]
+        if inner[:2] == ["pointing", 0]:
+            entries = item.get("pointing") if isinstance(item, Mapping) else getattr(item, "pointing", None)
+            if not isinstance(entries, list | tuple) or len(entries) == 1:
+                inner = ["pointing", *inner[2:]]
         return tuple(inner) if len(items) == 1 else (name, number, *inner)
 
     return shorten
-
-
-def _pointing_of(sensor: Any) -> Any:
-    return sensor.get("pointing") if isinstance(sensor, Mapping) else getattr(sensor, "pointing", None)
-
-
-def _is_one(entries: Any) -> bool:
-    """Return whether there is one entry, in a list or not."""
-    return not isinstance(entries, list | tuple) or len(entries) == 1
 
 
 def with_paths(name: str, items: Sequence[Item]) -> Iterator[tuple[str, Item]]:

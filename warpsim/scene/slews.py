@@ -79,7 +79,7 @@ def between(before: F64, after: F64, part: F64, near: npt.ArrayLike = (0.0, 0.0,
     """
     from scipy.spatial.transform import Rotation
 
-    vector = rotation_vector(np.einsum("nij,nkj->nik", after, before))
+    vector = rotation_vectors(before, after)
     length = np.linalg.norm(vector, axis=-1, keepdims=True)
     other, wanted = vector * (1.0 - 2.0 * np.pi / np.where(length > 0.0, length, 1.0)), np.asarray(near, np.float64)
     nearer = np.linalg.norm(other - wanted, axis=-1) < np.linalg.norm(vector - wanted, axis=-1)
@@ -87,16 +87,14 @@ def between(before: F64, after: F64, part: F64, near: npt.ArrayLike = (0.0, 0.0,
     return np.asarray(Rotation.from_rotvec(vector).as_matrix() @ before)
 
 
-def rotation_vector(rotation: F64) -> F64:
-    """Return axis times angle [rad] of rotation matrices, (n, 3, 3) to (n, 3); angles of 0 to pi."""
+def rotation_vectors(before: F64, after: F64) -> F64:
+    """Return axis times angle [rad] of rotations from some axes to others, (n, 3, 3) each, 0 to pi; (n, 3)."""
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())
+    return np.asarray(Rotation.from_matrix(np.einsum("nij,nkj->nik", after, before)).as_rotvec())
 
 
-def turn_between(
-    before: AxesAt, after: AxesAt, slew: Slew, start_s: float, end_s: float, last_s: float = math.inf
-) -> SlewTurn:
+def turn_between(before: AxesAt, after: AxesAt, slew: Slew, start_s: float, end_s: float, last_s: float) -> SlewTurn:
     """Return the turn from one law to another that keeps the camera's rate and acceleration within bounds.
 
     The turn begins with the profile that the rotation between the two laws asks for, and is slowed down until the rate
@@ -114,10 +112,11 @@ def turn_between(
         InputError: The turn takes longer than that, or the laws themselves turn faster.
     """
     rate, acceleration = math.radians(slew.max_rate_deg_s), math.radians(slew.max_acceleration_deg_s2)
-    vector = rotation_vector(_rotation(before, after, np.array([start_s])))[0]
+    vector = rotation_vectors(before(np.array([start_s])), after(np.array([start_s])))[0]
     x, y, z = vector
     angle = float(np.linalg.norm(vector))
-    duration_s = _shortest_s(angle, rate, acceleration)
+    whole = angle > rate * rate / acceleration  # from rest to rest, at the greatest rate between
+    duration_s = angle / rate + rate / acceleration if whole else 2.0 * math.sqrt(angle / acceleration)
     ramp = 0.5
     for _ in range(_MOST_ROUNDS):
         if start_s + (duration_s + slew.settle_s) > end_s:  # as a turn counts it
@@ -146,25 +145,13 @@ def turn_between(
     )
 
 
-def _rotation(before: AxesAt, after: AxesAt, time_s: F64) -> F64:
-    return np.asarray(np.einsum("nij,nkj->nik", after(time_s), before(time_s)))
-
-
-def _shortest_s(angle: float, rate: float, acceleration: float) -> float:
-    """Time that a turn from rest to rest takes [s]."""
-    if angle <= rate * rate / acceleration:
-        return 2.0 * math.sqrt(angle / acceleration)
-    return angle / rate + rate / acceleration
-
-
 def _measured(axes: F64, duration_s: float) -> tuple[float, float]:
     """Greatest rate [rad/s] and acceleration [rad/s2] of axes at evenly spaced times."""
     step_s = duration_s / (len(axes) - 1)
     if step_s <= 0.0:
         return 0.0, 0.0
-    steps = np.einsum("nij,nkj->nik", axes[1:], axes[:-1])
     # In the axes of the stars, so that neighbouring rates can be compared.
-    rates = np.einsum("nji,nj->ni", axes[:-1], rotation_vector(steps)) / step_s
+    rates = np.einsum("nji,nj->ni", axes[:-1], rotation_vectors(axes[:-1], axes[1:])) / step_s
     # Second differences over a few steps: those of neighbours are rounding.
     few = max(1, len(rates) // 32)
     changes = np.linalg.norm(rates[few:] - rates[:-few], axis=1) / (few * step_s)

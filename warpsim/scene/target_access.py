@@ -162,7 +162,7 @@ class _Pairs:
         self._sensor_m = np.stack([tracks.satellites[index].position_at_m(time_s) for index in observers.satellites])
         self._target_m = np.stack([tracks.target_state(index, time_s)[0] for index in range(len(tracks.targets))])
         self._sun_m = tracks.sun.position_at_m(time_s)
-        self._axes: dict[int, F64] = {}
+        self._unique_s, self._axes = np.unique(time_s), dict[int, F64]()
 
     def view(self, time: I64, sensor: I64, target: I64, fov: CameraGeometry | None = None) -> AccessGeometry:
         """Geometry of pairs, as rows of one time each."""
@@ -181,22 +181,16 @@ class _Pairs:
         margin = np.empty(len(target))
         for one in np.unique(target):
             rows = np.flatnonzero(target == one)
-            fov = CameraGeometry(self._observers.camera, self._axes_at, self._field(int(one)).direction)
+            direction = field_of_view(self._tracks, self._observers, int(one)).direction
+            fov = CameraGeometry(self._observers.camera, self._axes_at, direction)
             margin[rows] = self.view(time[rows], sensor[rows], target[rows], fov).frame_margin_deg[:, 0]
         return margin
-
-    def _field(self, target: int) -> CameraGeometry:
-        return field_of_view(self._tracks, self._observers, target)
 
     def _axes_at(self, sensor: int, time_s: F64) -> F64:
         """Commanded axes at some of the times; found once for all of them."""
         if sensor not in self._axes:
             self._axes[sensor] = self._observers.axes(sensor, self._unique_s)
         return self._axes[sensor][np.searchsorted(self._unique_s, time_s)]
-
-    @property
-    def _unique_s(self) -> F64:
-        return np.unique(self._time_s)
 
 
 def _observable(pairs: _Pairs, rules: AccessConstraints, exist: Mask) -> Mask:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import weakref
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.config.model import parts_with_files
 from warpsim.errors import InputError
 from warpsim.instant import Instant
 from warpsim.orbit.earth import pole_of_date
@@ -152,19 +153,27 @@ def build_tracks(
     """
     motion = motion_of(constellation, groups, epoch, duration_s, seed)
     names = (*constellation.names, *(target.name for target in targets))
-    checksums = tuple(_checksum(path) for path in (constellation, *(group.path for group in groups)))
+    paths = (constellation, *(group.path for group in groups))
+    checksums = tuple(part.checksum for part, _ in parts_with_files(paths))
     key = (motion, names, checksums)
     known = _KNOWN.get(key)
     if known is not None:
         return known
     n_satellite = len(names) - len(targets)
-    presence = _Presence.of(targets, duration_s)
+    mains = {target.group: number for number, target in reversed(list(enumerate(targets)))}
+    carrier = [mains[target.group] if target.is_released else number for number, target in enumerate(targets)]
+    release_s = np.array([target.release_s for target in targets], dtype=np.float64)
+    exists_s = np.array([target.exists_s for target in targets], dtype=np.float64).reshape(-1, 2)
+    # From when to when a path must be good: what ends with the scene, or before it begins, has no end within it.
+    counted_s = np.where((exists_s > 0.0) & (exists_s < duration_s), exists_s, [-math.inf, math.inf])
+    counted_s[:, 0] = np.maximum(counted_s[:, 0], release_s)
+    changes = bool((release_s > 0).any() or np.isfinite(counted_s).any())  # within the scene
     tracks = make_tracks(
         names,
         motion.states,
         duration_s,
-        counted_s=np.concatenate([np.full((n_satellite, 2), [-math.inf, math.inf]), presence.counted_s]),
-        longest_s=MARGIN_S if presence.changes else LONGEST_STEP_S,
+        counted_s=np.concatenate([np.full((n_satellite, 2), [-math.inf, math.inf]), counted_s]),
+        longest_s=MARGIN_S if changes else LONGEST_STEP_S,
         some_states=motion.states,
     )
     longest = max(tracks, key=lambda track: track.step_s)
@@ -177,46 +186,9 @@ def build_tracks(
         earth.barycentric_m,
         earth.heliocentric_m,
         pole_of_date(epoch),
-        presence.carrier,
-        presence.release_s,
-        presence.exists_s,
+        np.array(carrier, dtype=np.int64),
+        release_s,
+        exists_s,
     )
     _KNOWN[key] = found
     return found
-
-
-@dataclass(frozen=True)
-class _Presence:
-    """Existence and release of targets."""
-
-    carrier: npt.NDArray[np.int64]
-    release_s: F64
-    exists_s: F64
-    counted_s: F64
-    """From when to when each target's path must be good, (n_target, 2)."""
-    changes: bool
-    """Whether a target comes, goes or is released within the scene."""
-
-    @classmethod
-    def of(cls, targets: Sequence[SceneTarget], duration_s: float) -> _Presence:
-        """Existence of the targets of a scene."""
-        mains = {target.group: number for number, target in reversed(list(enumerate(targets)))}
-        carrier = [mains[target.group] if target.is_released else number for number, target in enumerate(targets)]
-        release_s = np.array([target.release_s for target in targets], dtype=np.float64)
-        exists_s = np.array([target.exists_s for target in targets], dtype=np.float64).reshape(-1, 2)
-        # What ends with the scene, or before it begins, has no end within it.
-        counted_s = np.where((exists_s > 0.0) & (exists_s < duration_s), exists_s, [-math.inf, math.inf])
-        counted_s[:, 0] = np.maximum(counted_s[:, 0], release_s)
-        changes = bool((release_s > 0).any() or np.isfinite(counted_s).any())
-        return cls(np.array(carrier, dtype=np.int64), release_s, exists_s, counted_s, changes)
-
-
-def _checksum(path: object) -> object:
-    """Checksum of the files that a path was read from, including its parts."""
-    if isinstance(path, tuple):
-        return tuple(_checksum(item) for item in path)
-    if not hasattr(path, "__dataclass_fields__"):
-        return None
-    reads = any(getattr(path, name, None) for name in ("file", "files"))
-    own = getattr(path, "checksum", None) if reads else None
-    return (own, *(_checksum(getattr(path, field.name)) for field in fields(path)))  # type: ignore[arg-type]

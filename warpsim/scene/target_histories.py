@@ -1,31 +1,32 @@
-"""Temperatures of the targets of a scene."""
+"""Histories of the targets of a scene: how they turn, and their temperatures."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2, SOLAR_CONSTANT_W_M2
-from warpsim.errors import InputError
+from warpsim.directions import normalised
+from warpsim.errors import errors_at
 from warpsim.instant import Instant
 from warpsim.orbit.sun import eclipses
 from warpsim.orbit.track import TrackStack
-from warpsim.scene.attitudes import AnyAttitude, within_scene
 from warpsim.scene.groups import TargetGroup, TargetSpec
-from warpsim.scene.short_form import item_path
+from warpsim.scene.short_form import item_path, with_paths
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
-from warpsim.target.attitude_table import AttitudeRows
+from warpsim.target.attitude import BodyMotion, body_motion
+from warpsim.target.attitude_table import AttitudeRows, AttitudeTable
 from warpsim.target.cooling import ThermalNodes, integrate
 from warpsim.target.heat_balance import lumped_node, surface_coefficients
 from warpsim.target.patches import patch_areas
 from warpsim.target.rotating_area import RotatingArea, SteadyArea, steady_area
 from warpsim.target.temperature import HeatBalance, Temperature, TemperatureRows, TemperatureTable
+from warpsim.target.torque_free import TorqueFree, TorqueFreeMotion
 
 F64 = npt.NDArray[np.float64]
 
@@ -38,19 +39,55 @@ ECLIPSE_STEP_S = 10.0
 SUN_STEP_S = 7200.0
 """Between these the Sun's direction is linear to 1e-6 rad."""
 
+AnyAttitude = BodyMotion | AttitudeRows | TorqueFreeMotion
 
-@dataclass(frozen=True)
-class _Run:
-    """Targets of one description, integrated side by side."""
 
-    spec: TargetSpec
-    coefficients: tuple[float, float]
-    """Solar absorptance and infrared emissivity, where the description leaves them out."""
-    tracks: Tracks
-    first: int
-    attitudes: Sequence[AnyAttitude]
-    span_s: tuple[float, float]
-    """Start and end of the temperature history [s]."""
+def target_attitudes(
+    targets: Sequence[SceneTarget],
+    tracks: Tracks,
+    tables: dict[tuple[int, int], AttitudeRows],
+    seed: int,
+) -> list[AnyAttitude]:
+    """Return the attitude motion of each single target; those of one entry share their table (timed_tables)."""
+    found: list[AnyAttitude] = []
+    for number, target in enumerate(targets):
+        attitude = target.spec.attitude
+        if isinstance(attitude, AttitudeTable):
+            found.append(tables[target.group, target.entry])
+            continue
+        if isinstance(attitude, TorqueFree):
+            found.append(attitude.motion(seed, number))
+            continue
+        first_s, last_s = target.exists_s
+        begin_s = max(0.0, first_s, min(target.release_s, last_s))  # some are gone before their release
+        velocity_m_s = tracks.targets[number].state(begin_s)[1]
+        with errors_at("", target.name), errors_at("attitude"):
+            found.append(body_motion(attitude, velocity_m_s, seed, number))
+    return found
+
+
+def timed_tables(
+    groups: Sequence[TargetGroup],
+    field: Literal["attitude", "temperature"],
+    epoch: Instant,
+    duration_s: float,
+    with_files: bool = True,
+) -> dict[tuple[int, int], Any]:
+    """Return the tables of attitudes, or of temperatures, by group and entry, checked to cover the scene."""
+    rows: dict[tuple[int, int], Any] = {}
+    for number, (path, group) in enumerate(with_paths("groups", groups)):
+        for entry, spec in enumerate(group.targets):
+            table = getattr(spec, field)
+            if isinstance(table, AttitudeTable | TemperatureTable) and (with_files or table.file is None):
+                with errors_at(path), errors_at(f"targets[{entry}].{field}"):
+                    rows[number, entry] = table.rows(epoch)
+                    rows[number, entry].check_span(*within_scene(group.span_s, duration_s))
+    return rows
+
+
+def within_scene(span_s: tuple[float, float], duration_s: float) -> tuple[float, float]:
+    """Return the part of a span that lies within a scene [s]."""
+    return max(0.0, span_s[0]), min(duration_s, span_s[1])
 
 
 def target_temperatures(
@@ -81,13 +118,11 @@ def target_temperatures(
         else:
             begin_s = min(max(begin_s, target.release_s), end_s)
             coefficients = _coefficients(spec, bands)
-            try:
+            path = item_path("groups", target.group, n_group)
+            with errors_at(path), errors_at(f"targets[{target.entry}].temperature"):
                 for start in range(first, first + len(members), BODIES_AT_ONCE):
                     some = attitudes[start : min(start + BODIES_AT_ONCE, first + len(members))]
-                    found += _balanced(_Run(spec, coefficients, tracks, start, some, (begin_s, end_s)))
-            except InputError as error:
-                path = item_path("groups", target.group, n_group)
-                raise error.within(f"targets[{target.entry}].temperature").within(path) from None
+                    found += _balanced(spec, coefficients, tracks, start, some, begin_s, end_s)
     return found
 
 
@@ -100,22 +135,31 @@ def _coefficients(spec: TargetSpec, bands: Sequence[str]) -> tuple[float, float]
     return float(absorptance), float(emissivity)
 
 
-def _balanced(run: _Run) -> list[TemperatureRows]:
-    """Return the temperature histories of targets with a heat balance."""
-    model, tracks, n_body = run.spec.temperature, run.tracks, len(run.attitudes)
+def _balanced(
+    spec: TargetSpec,
+    coefficients: tuple[float, float],
+    tracks: Tracks,
+    first: int,
+    attitudes: Sequence[AnyAttitude],
+    start_s: float,
+    end_s: float,
+) -> list[TemperatureRows]:
+    """Return the temperature histories of targets of one description, from the first on, integrated side by side."""
+    model, n_body = spec.temperature, len(attitudes)
     assert isinstance(model, HeatBalance)
-    start_s, end_s = run.span_s
-    own = tracks.targets[run.first : run.first + n_body]
+    own = tracks.targets[first : first + n_body]
     stack, pole = TrackStack(own), tracks.pole_icrs
-    node = lumped_node(model, run.spec.shape.surface_m2, run.coefficients)
-    attitudes: Any = run.attitudes[0] if isinstance(run.attitudes[0], AttitudeRows) else run.attitudes
-    area = RotatingArea(run.spec.shape, attitudes, end_s - start_s)
-    projected = _tabulated(area, n_body, run)
+    node = lumped_node(model, spec.shape.surface_m2, coefficients)
+    turned: Any = attitudes[0] if isinstance(attitudes[0], AttitudeRows) else attitudes
+    area = RotatingArea(spec.shape, turned, end_s - start_s)
+    projected: RotatingArea | SteadyArea = area
+    if area.is_steady:  # only means over turns matter: tabulated along the Sun's path
+        node_s = np.linspace(start_s, end_s, 2 + int(area.span_s // SUN_STEP_S))
+        projected = steady_area(area, n_body, node_s, normalised(tracks.sun.position_at_m(node_s)))
 
     def directions(time_s: F64) -> tuple[F64, F64, F64]:
         position, sun = stack.positions_m(time_s), tracks.sun.position_at_m(time_s)
-        to_sun = sun - position
-        return position, sun, to_sun / np.linalg.norm(to_sun, axis=-1, keepdims=True)
+        return position, sun, normalised(sun - position)
 
     def absorbed_w(time_s: F64) -> F64:
         position, sun, to_sun = directions(time_s)
@@ -143,31 +187,3 @@ def _balanced(run: _Run) -> list[TemperatureRows]:
         TemperatureRows(time_s, row, history.error_k, float(ripple))
         for row, ripple in zip(kelvin, ripple_k, strict=True)
     ]
-
-
-def _tabulated(area: RotatingArea, n_body: int, run: _Run) -> RotatingArea | SteadyArea:
-    """Tabulate the area along the Sun's path if only means over turns matter."""
-    if not area.is_steady:
-        return area
-    start_s, end_s = run.span_s
-    node_s = np.linspace(start_s, end_s, 2 + int(area.span_s // SUN_STEP_S))
-    sun_m = run.tracks.sun.position_at_m(node_s)
-    return steady_area(area, n_body, node_s, sun_m / np.linalg.norm(sun_m, axis=-1, keepdims=True))
-
-
-def temperature_tables(
-    groups: Sequence[TargetGroup], epoch: Instant, duration_s: float, with_files: bool = True
-) -> dict[tuple[int, int], TemperatureRows]:
-    """Return the checked tables of temperatures, by the indices of group and entry."""
-    tables = {}
-    for number, group in enumerate(groups):
-        for entry, spec in enumerate(group.targets):
-            model = spec.temperature
-            if isinstance(model, TemperatureTable) and (with_files or model.file is None):
-                try:
-                    tables[number, entry] = model.rows(epoch)
-                    tables[number, entry].check_span(*within_scene(group.span_s, duration_s))
-                except InputError as error:
-                    path = item_path("groups", number, len(groups))
-                    raise error.within(f"targets[{entry}].temperature").within(path) from None
-    return tables
