@@ -10,7 +10,7 @@ import numpy.typing as npt
 import warp as wp
 
 from warpsim.detector.levels import ElectronLevels, noise_variance
-from warpsim.launches import to_numpy
+from warpsim.launches import struct_of, to_numpy
 from warpsim.render.batch import HostColumns
 from warpsim.render.device_scene import DeviceScene
 from warpsim.scene.instrument import Instrument
@@ -88,16 +88,9 @@ def _parts(n_value: Ints) -> Iterator[tuple[int, int]]:
 
 def _pixel_noise(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> Any:
     """The kernels' PixelNoise; rounding to counts included."""
-    variance, shot, sei = [], [], []
-    for band in bands:
-        blank, per_light = noise_variance(instrument.sensor.detector, instrument.levels[band])
-        variance.append(blank)
-        shot.append(per_light)
-        sei.append(full_w_cm2(instrument, band))
     from warpsim_kernels.bounds import PixelNoise  # with the kernels of gradients, which take time to import
 
-    noise: Any = PixelNoise()
-    noise.variance_w2_cm4, noise.shot_w_cm2, noise.sei_w_cm2 = (
-        wp.array(values, dtype=wp.float64, device=device) for values in (variance, shot, sei)
-    )
-    return noise
+    noise = [noise_variance(instrument.sensor.detector, instrument.levels[band]) for band in bands]
+    variance, shot = zip(*noise, strict=True)
+    sei = [full_w_cm2(instrument, band) for band in bands]
+    return struct_of(PixelNoise, device, variance_w2_cm4=variance, shot_w_cm2=shot, sei_w_cm2=sei)

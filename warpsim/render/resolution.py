@@ -12,7 +12,7 @@ from warpsim_kernels.records import BEHIND
 from warpsim_kernels.resolution import TargetImages, find_clumps_kernel
 from warpsim_kernels.streaks import Paths
 
-from warpsim.launches import Launch, to_numpy
+from warpsim.launches import Launch, struct_of, to_numpy
 from warpsim.optics.enclosed import box_half_width_px
 from warpsim.optics.psf_bank import paths_struct
 from warpsim.render.batch import HostColumns
@@ -88,14 +88,17 @@ def resolution_columns(scene: DeviceScene, bands: Sequence[str], seen: HostColum
 def _target_images(scene: DeviceScene, seen: HostColumns, irradiance_w_cm2: npt.NDArray[np.float32]) -> Any:
     """The kernels' TargetImages."""
     device, here = scene.device, seen.columns.to(scene.device)
-    xy_px = np.ascontiguousarray(seen.observations["xy_px"])
-    order = np.argsort(xy_px[..., 0], axis=1, kind="stable").astype(np.int32)
-    targets: Any = TargetImages()
-    targets.xy_px = wp.array(xy_px, dtype=wp.vec2d, device=device)
-    targets.irradiance_w_cm2 = wp.array(irradiance_w_cm2, dtype=wp.float32, device=device)
-    targets.order = wp.array(order, dtype=wp.int32, device=device)
-    targets.rank = wp.array(np.argsort(order, axis=1).astype(np.int32), dtype=wp.int32, device=device)
+    xy_px = seen.observations["xy_px"]
+    order = np.argsort(xy_px[..., 0], axis=1, kind="stable")
+    targets = struct_of(
+        TargetImages,
+        device,
+        xy_px=xy_px,
+        irradiance_w_cm2=irradiance_w_cm2,
+        order=order,
+        rank=np.argsort(order, axis=1),
+        paths=paths_struct(here.offset_px, here.brightness, scene.n_target) if scene.streaks.enabled else Paths(),
+    )
     if here.background_w_cm2 is not None:
         targets.background_w_cm2 = here.background_w_cm2
-    targets.paths = paths_struct(here.offset_px, here.brightness, scene.n_target) if scene.streaks.enabled else Paths()
     return targets

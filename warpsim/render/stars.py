@@ -17,14 +17,13 @@ from warpsim_kernels.stars import EarthOrbit, StarFeatures, StarField, make_gath
 from warpsim.constants import JULIAN_YEAR_DAYS
 from warpsim.errors import InputError
 from warpsim.instant import Instant
-from warpsim.launches import to_numpy
+from warpsim.launches import struct_of, to_numpy
 from warpsim.optics.psf_bank import PsfBank
 from warpsim.radiometry.band import Band
 from warpsim.scene.environment import BUILT_IN_CATALOGS, Sky
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.sensors import Sensor
-from warpsim.scene.tracks import Tracks
 from warpsim.sky.band_index import BandIndex
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.hats import is_hats
@@ -206,18 +205,27 @@ def make_stars(
         # A negative parallax is a measuring error of one near 0.
         parallax_rad = np.fmax(index.catalog.parallax_mas[rows], 0.0) * _MAS_RAD
     margin_px = float(half_width.max(initial=0)) + 1.0
-    field: Any = StarField()
-    field.cell_start = index.cell_start_array
-    field.direction = index.direction_array
-    field.irradiance_w_cm2 = light
-    field.half_width_px = wp.array(half_width, dtype=wp.int32, device=device)
-    field.parallax_rad = wp.array(parallax_rad, dtype=wp.float32, device=device)
     # The distance to the Sun varies by 2 %: an observer may see a little more than the parallax.
-    field.radius_rad = (
-        sensor.camera.half_diagonal_rad(margin_px) + LARGEST_SHIFT_RAD + 1.1 * parallax_rad.max(initial=0.0)
+    radius_rad = sensor.camera.half_diagonal_rad(margin_px) + LARGEST_SHIFT_RAD + 1.1 * parallax_rad.max(initial=0.0)
+    field = struct_of(
+        StarField,
+        device,
+        cell_start=index.cell_start_array,
+        direction=index.direction_array,
+        irradiance_w_cm2=light,
+        half_width_px=half_width,
+        parallax_rad=parallax_rad,
+        radius_rad=radius_rad,
+        cosine=float(np.cos(min(radius_rad, np.pi))),
     )
-    field.cosine = float(np.cos(min(field.radius_rad, np.pi)))
-    return SceneStars(index, field, _earth_orbit(scenario.tracks, grid, device), star_features(sky, sensor))
+    orbit = struct_of(
+        EarthOrbit,
+        device,
+        barycentric_m=scenario.tracks.earth_barycentric_m,
+        heliocentric_m=scenario.tracks.earth_heliocentric_m,
+        grid=grid,
+    )
+    return SceneStars(index, field, orbit, star_features(sky, sensor))
 
 
 def star_threads(device: wp.Device) -> int:
@@ -234,14 +242,6 @@ def star_features(sky: Sky, sensor: Sensor) -> StarFeatures:
 def star_kernel(features: StarFeatures, device: wp.Device) -> wp.Kernel:
     """Return the kernel of the stage for a device."""
     return make_gather_stars_kernel(features, star_threads(device))
-
-
-def _earth_orbit(tracks: Tracks, grid: NodeGrid, device: wp.Device) -> Any:
-    orbit: Any = EarthOrbit()
-    orbit.barycentric_m = wp.array(tracks.earth_barycentric_m, dtype=wp.vec3d, device=device)
-    orbit.heliocentric_m = wp.array(tracks.earth_heliocentric_m, dtype=wp.vec3d, device=device)
-    orbit.grid = grid
-    return orbit
 
 
 def widest_stamp_px(irradiance: wp.array, psf: PsfBank, stamp_rule: Any) -> int:
