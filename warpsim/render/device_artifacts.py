@@ -37,6 +37,11 @@ class DeviceArtifacts:
     n_col: int
 
 
+def band_ids(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> wp.array:
+    """Return the index of each band among those of the sensors, (n_band,)."""
+    return wp.array([list(instrument.sensor.bands).index(band) for band in bands], dtype=wp.uint32, device=device)
+
+
 def make_artifacts(
     instrument: Instrument, bands: Sequence[str], key: wp.array, device: wp.Device
 ) -> DeviceArtifacts | None:
@@ -48,11 +53,9 @@ def make_artifacts(
     detector, camera = instrument.sensor.detector, instrument.sensor.camera
     if not has_artifacts(detector):
         return None
-    names = list(instrument.sensor.bands)
-    band_id = wp.array([names.index(band) for band in bands], dtype=wp.uint32, device=device)
     hits = _hits_struct(instrument, bands, device) if detector.hits is not None else None
     flicker = _flicker_struct(instrument, bands, device) if detector.flicker is not None else None
-    return DeviceArtifacts(hits, flicker, key, band_id, camera.n_row, camera.n_col)
+    return DeviceArtifacts(hits, flicker, key, band_ids(instrument, bands, device), camera.n_row, camera.n_col)
 
 
 def _w_cm2(instrument: Instrument, band: str, electrons: float | None, nei: float | None) -> float:

@@ -29,7 +29,7 @@ from warpsim.render.background import make_background
 from warpsim.render.batch import new_inputs
 from warpsim.render.buffers import new_exposure
 from warpsim.render.device import kernel_loading
-from warpsim.render.device_artifacts import make_artifacts
+from warpsim.render.device_artifacts import band_ids, make_artifacts
 from warpsim.render.device_scene import DeviceBodies, DeviceScene, Streaks, make_roll, no_streaks, streaks_at
 from warpsim.render.pointing_arrays import make_pointing
 from warpsim.render.read_out import make_read_out
@@ -88,13 +88,12 @@ def make_device_scene(
     loading.start(bodies.field.observe_kernel, bodies.aim_kernel)
     for kernel, n_thread in image_kernels(bodies, psf, read_out):
         loading.start(kernel, block_dim=n_thread)
-    band_id = wp.array([sensor.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
     cut = stamp_rule([sensor.optics.stamp_cut_nei * instrument.nei_w_cm2(band) for band in bands], 0.0, device)
     loading.wait()
     stars = make_stars(scenario, instrument, bands, index, psf, cut, bodies.tracks.grid)
     of_bodies = {field.name: getattr(bodies, field.name) for field in dataclasses.fields(bodies)}
     background = make_background(scenario, instrument, bands, device)
-    own = {"stars": stars, "band_id": band_id, "stamp_rule": cut, "background": background}
+    own = {"stars": stars, "band_id": band_ids(instrument, bands, device), "stamp_rule": cut, "background": background}
     own["artifacts"] = make_artifacts(instrument, bands, read_out.detector.keys, device)
     return DeviceScene(**of_bodies, psf=psf, read_out=read_out, **own)
 

@@ -16,13 +16,12 @@ from warpsim_kernels.signature import N_TERM
 from warpsim.arguments import chosen_names, times_s
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
-from warpsim.render.batch import Inputs, new_columns, new_inputs
-from warpsim.render.buffers import new_area_series, new_sources
+from warpsim.render.batch import inputs_of_views, new_columns
 from warpsim.render.device import default_device, worker_count
 from warpsim.render.device_scene import DeviceBodies
 from warpsim.render.device_upload import make_device_bodies
+from warpsim.render.observation import observe
 from warpsim.render.request import checked_names
-from warpsim.render.stages import aim, observe_targets, split_light
 from warpsim.render.truth import sunlit_fraction
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
@@ -183,25 +182,15 @@ def _observed(bodies: DeviceBodies, times: F64, rows: list[int], n_worker: int) 
     n_number = n_view * bodies.n_target * (bodies.n_band * N_TERM + 8)
     if n_number > MOST_NUMBERS:
         raise InputError(f"these curves would be {n_number:.2g} numbers, more than {MOST_NUMBERS:.2g}", "time_s")
-    inputs = new_inputs(device, np.repeat(times, len(rows)), np.zeros(n_view), np.tile(rows, len(times)))
+    inputs = inputs_of_views(device, times, rows)
     no_light = wp.empty((n_view, 0, bodies.n_target), dtype=wp.float32, device=device)  # but its terms
     columns = replace(new_columns(bodies, n_view), irradiance_w_cm2=no_light)
     terms = wp.zeros((N_TERM, n_view, bodies.n_band, bodies.n_target), dtype=wp.float64, device=device)
-
-    def observe(first: int) -> None:
-        end = min(first + size, n_view)
-        views, seen = Inputs(*(array[first:end] for array in vars(inputs).values())), columns.part(first, end)
-        sources = new_sources(bodies, end - first, bodies.n_target)
-        aim(bodies, views, seen.views).run()
-        observe_targets(bodies, views, seen, sources, new_area_series(bodies, end - first)).run()
-        split_light(bodies, seen.observations, terms[:, first:end]).run()
-
     # Enough pieces that the first, which is done alone, costs the threads little.
     size = n_view if n_worker == 1 else min(-(-n_view // (_PIECES_PER_THREAD * n_worker)), _VIEWS_PER_LAUNCH)
     if terms.size:
-        observe(0)  # kernels are compiled by one thread
         with ThreadPoolExecutor(n_worker) as pool:
-            list(pool.map(observe, range(size, n_view, size)))
+            observe(bodies, inputs, columns, size, pool, terms)
     observations = to_numpy(columns.observations)[:, : bodies.n_target].reshape(*shape, bodies.n_target)
     return observations, to_numpy(terms).reshape(N_TERM, *shape, bodies.n_band, bodies.n_target)
 

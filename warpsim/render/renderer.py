@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import warp as wp
 from warpsim_kernels.stamp_sizes import size_table_stamps_kernel
 
-from warpsim.arguments import whole_number
+from warpsim.arguments import frame_numbers, whole_number
 from warpsim.errors import InputError
 from warpsim.pool import pool_of
 from warpsim.radiometry.band import Band
-from warpsim.render.batch import Batch, HostColumns, new_batch
+from warpsim.render.batch import Batch, HostColumns, inputs_of_views, new_batch, new_columns
 from warpsim.render.commanded import CommandedPointing
 from warpsim.render.device import chosen_devices, kernel_loading, worker_count
 from warpsim.render.device_scene import Streaks
@@ -39,6 +39,9 @@ from warpsim.sky.catalog import StarCatalog
 
 if TYPE_CHECKING:
     from astropy.table import Table
+
+VIEWS_AT_A_TIME = 1024
+"""Of truth without images."""
 
 
 class Renderer:
@@ -194,8 +197,11 @@ class Renderer:
         """
         request = checked_request(self.scenario, frames, sensors, bands, (False, False))
         with self._lock:
-            scene = self._pipelines_of(request.instrument, tuple(request.bands)).scene
-            columns = observe(scene, request.frames, request.sensors, self._threads)
+            scene, instrument = self._pipelines_of(request.instrument, tuple(request.bands)).scene, request.instrument
+            numbers, rows = frame_numbers(request.frames), [instrument.index(name) for name in request.sensors]
+            inputs = inputs_of_views(scene.device, instrument.frame_time_s(numbers), rows, numbers)
+            columns = new_columns(scene, len(inputs.frame))
+            observe(scene, inputs, columns, VIEWS_AT_A_TIME, self._threads)
         axes = ImageAxes(self.scenario, request.instrument, list(request.frames), request.sensors, request.bands)
         return truth_table(axes, scene, HostColumns(columns))
 

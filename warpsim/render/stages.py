@@ -31,7 +31,7 @@ from warpsim.detector.artifacts import has_artifacts
 from warpsim.launches import THREADS_PER_BLOCK_CUDA, Launch, Stage
 from warpsim.optics.psf_bank import PsfBank, paths_struct
 from warpsim.render.batch import Columns, Inputs
-from warpsim.render.buffers import BackgroundNodes, ExposureViews, RowViews, Signal
+from warpsim.render.buffers import BackgroundNodes, ExposureViews, RowViews, Signal, TimedViews, ViewArrays
 from warpsim.render.device import rows_per_block
 from warpsim.render.device_artifacts import FLICKER, HIT, DeviceArtifacts
 from warpsim.render.device_scene import Streaks
@@ -47,46 +47,31 @@ RUN_THREADS = 128
 """Threads that draw and read out a run of pixels. On an H200 256 take 1.35 times as long, and 64 take 1.2 times."""
 
 
-def view_stages(
-    scene: DeviceScene,
-    inputs: Inputs,
-    columns: Columns,
-    sources: Any,
-    area_series: wp.array,
-    exposure: ExposureViews | None,
-    rows: RowViews | None,
-) -> list[Stage]:
-    """Return the stages that find the sources of views; `exposure` where light moves, `rows` where rows differ."""
-    stages = target_stages(scene, inputs, columns, sources, area_series, exposure, rows)
-    stars = gather_stars(scene, inputs, columns.views, sources)
-    stages.insert(1 if rows is not None else 2, stars)
+def view_stages(scene: DeviceScene, own: ViewArrays) -> list[Stage]:
+    """Return the stages that find the sources of views."""
+    stages = target_stages(scene, own)
+    stars = gather_stars(scene, own.inputs, own.columns.views, own.sources)
+    stages.insert(1 if own.rows is not None else 2, stars)
     return stages
 
 
-def target_stages(
-    scene: DeviceBodies,
-    inputs: Inputs,
-    columns: Columns,
-    sources: Any,
-    area_series: wp.array,
-    exposure: ExposureViews | None,
-    rows: RowViews | None,
-) -> list[Stage]:
+def target_stages(scene: DeviceBodies, own: ViewArrays) -> list[Stage]:
     """Return the stages that find targets alone."""
-    first = aim(scene, inputs, columns.views, exposure)
-    targets = observe_targets(scene, inputs, columns, sources, area_series, rows)
-    if exposure is None:
+    inputs, columns, sources, rows = own.inputs, own.columns, own.sources, own.rows
+    first = aim(scene, inputs, columns.views, own.exposure)
+    targets = observe_targets(scene, inputs, columns, sources, own.area_series, rows)
+    if own.exposure is None:
         return [first, targets]
     if rows is None:
-        return [first, targets, trace(scene, scene.streaks, exposure, sources, columns.offset_px)]
-    paths = trace(scene, scene.streaks, exposure, rows.sources, columns.offset_px)
+        return [first, targets, trace(scene, scene.streaks, own.exposure, sources, columns.offset_px)]
+    paths = trace(scene, scene.streaks, own.exposure, rows.sources, columns.offset_px)
     found = roll(scene, inputs, columns, sources, rows)
-    return [first, locate_targets(scene, exposure, sources), paths, found, targets]
+    return [first, locate_targets(scene, own.exposure, sources), paths, found, targets]
 
 
 def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: ExposureViews | None = None) -> Stage:
     """Views: camera axes, position and velocity from the tracks and the pointing; where light moves, in between too."""
-    launches = [_aim(scene, inputs.time_s, inputs.time_s, inputs.sensor, views)]
+    launches = [_aim(scene, TimedViews(inputs.time_s, inputs.time_s, inputs.sensor, views))]
     if exposure is not None:
         launches += [
             Launch(
@@ -96,7 +81,7 @@ def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: Exposure
                 [exposure.time_s, exposure.middle_s, exposure.sensor],
                 scene.device,
             ),
-            _aim(scene, exposure.time_s, exposure.middle_s, exposure.sensor, exposure.views),
+            _aim(scene, exposure),
             Launch(
                 make_reach_kernel(scene.field.features.distortion),
                 views.shape,
@@ -108,9 +93,10 @@ def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: Exposure
     return Stage("aim", len(views), launches)
 
 
-def _aim(scene: DeviceBodies, time_s: wp.array, middle_s: wp.array, sensor: wp.array, views: wp.array) -> Launch:
-    inputs = [time_s.flatten(), middle_s.flatten(), sensor.flatten(), scene.tracks, scene.pointing]
-    return Launch(scene.aim_kernel, (time_s.size,), inputs, [views.flatten()], scene.device)
+def _aim(scene: DeviceBodies, own: TimedViews) -> Launch:
+    times = [own.time_s.flatten(), own.middle_s.flatten(), own.sensor.flatten()]
+    reads = [*times, scene.tracks, scene.pointing]
+    return Launch(scene.aim_kernel, (own.time_s.size,), reads, [own.views.flatten()], scene.device)
 
 
 def observe_targets(
@@ -218,7 +204,7 @@ def roll(scene: DeviceBodies, inputs: Inputs, columns: Columns, sources: Any, ro
             [sources],
             scene.device,
         ),
-        _aim(scene, rows.time_s, rows.middle_s, rows.sensor, rows.views),
+        _aim(scene, rows),
     ]
     return Stage("roll", n_view, launches)
 
