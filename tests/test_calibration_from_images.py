@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 import warpsim as ws
 from benchmarks.image_gradients import merged_pairs
-from warpsim.render.irradiance import irradiance_image
-from warpsim.render.view_sources import camera_slopes
+from warpsim.render.gradients import camera_slopes
+from warpsim.render.likelihood import irradiance_image
 
 
 @pytest.mark.ci

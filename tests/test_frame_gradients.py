@@ -6,7 +6,8 @@ from scipy.spatial.transform import Rotation
 
 import warpsim as ws
 from warpsim.render import frameset
-from warpsim.render.view_sources import camera_slopes, sources_of_views
+from warpsim.render.gradients import camera_slopes
+from warpsim.render.point_images import sources_of_views
 
 BASE = {"optics__psf": "gaussian", "optics__sigma_px": 0.8, "sky__catalog": "default", "optics__stamp_cut_nei": 1e-4}
 SENSORS = ["sat11", "sat27"]

@@ -40,9 +40,10 @@ from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.output.joined_tables import joined_tables
 from warpsim.output.manifest import left_out_rows
 from warpsim.output.output_folder import PARTS, RUN, CheckpointRecord, OutputFolder, difference
+from warpsim.render.descriptions import STATE_NAMES, STATE_UNITS
 from warpsim.render.frameset import FrameSet
+from warpsim.render.line_of_sight import sensor_states
 from warpsim.render.renderer import Renderer
-from warpsim.render.states import STATE_NAMES, STATE_UNITS, sensor_states
 from warpsim.scene.provenance import provenance
 
 if TYPE_CHECKING:

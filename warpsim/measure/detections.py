@@ -16,10 +16,10 @@ from warpsim.measure.finding import FINDERS
 from warpsim.measure.from_images import Search, find_detections
 from warpsim.measure.from_truth import Draws, draw_detections
 from warpsim.measure.image_rows import ImageRows
+from warpsim.render.descriptions import STATE_NAMES, STATE_UNITS
 from warpsim.render.frameset import FrameSet
 from warpsim.render.line_of_sight import ViewGeometry
 from warpsim.render.renderer import Renderer
-from warpsim.render.states import STATE_NAMES, STATE_UNITS
 from warpsim.scene.provenance import provenance
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene

@@ -13,7 +13,7 @@ from warpsim.measure.finding import background_of, find_points, noise_scale
 from warpsim.measure.image_rows import ImageRows
 from warpsim.measure.pixel_psf import PixelPsf
 from warpsim.render.frameset import FrameSet
-from warpsim.render.irradiance import IrradianceImage, irradiance_image
+from warpsim.render.likelihood import IrradianceImage, irradiance_image
 
 if TYPE_CHECKING:
     from astropy.table import Table

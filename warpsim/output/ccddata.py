@@ -8,7 +8,7 @@ import numpy as np
 
 from warpsim.output.fits_header import Views, image_cards
 from warpsim.render.frameset import FrameSet
-from warpsim.render.irradiance import irradiance_image
+from warpsim.render.likelihood import irradiance_image
 
 if TYPE_CHECKING:
     from astropy.nddata import CCDData

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from warpsim.render.states import STATE_NAMES
-
 if TYPE_CHECKING:
     from astropy.table import Table
+
+STATE_NAMES = ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "qx", "qy", "qz", "qw")
+"""Of position, velocity and attitude, behind `sensor_` or `target_`."""
+
+STATE_UNITS = {
+    f"{body}_{name}": "m" if name in STATE_NAMES[:3] else "m / s"
+    for body in ("sensor", "target")
+    for name in STATE_NAMES[:6]
+}
 
 DESCRIPTIONS = {
     "frame": "frame number",

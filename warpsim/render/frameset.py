@@ -20,9 +20,9 @@ from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight,
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.line_of_sight import LineOfSight, ViewGeometry
-from warpsim.render.point_images import PointImages
-from warpsim.render.truth import ImageAxes, star_table, target_positions_m, truth_table
-from warpsim.render.view_sources import sources_of_views
+from warpsim.render.point_images import PointImages, sources_of_views
+from warpsim.render.request import Request
+from warpsim.render.truth import star_table, target_positions_m, truth_table
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.provenance import provenance
@@ -110,8 +110,8 @@ class FrameSet:
         return self._view_flag(int(SLEWING))
 
     @property
-    def _axes(self) -> ImageAxes:
-        return ImageAxes(self.scenario, self.instrument, self.frames, self.sensors, self.bands)
+    def _asked(self) -> Request:
+        return Request(self.scenario, self.instrument, self.frames, self.sensors, self.bands)
 
     def _view_flag(self, bit: int) -> npt.NDArray[np.bool_]:
         word = self._host.views["flags"].reshape(len(self.frames), len(self.sensors))
@@ -206,7 +206,7 @@ class FrameSet:
         x_px and y_px are the very numbers that the light was drawn at. snr is irradiance / NEI; snr_peak counts only
         the light in the target's own pixel. left_out_w_cm2 is the light beyond the target's stamp.
         """
-        return truth_table(self._axes, self._device_scene, self._host)
+        return truth_table(self._asked, self._device_scene, self._host)
 
     @cached_property
     def stars(self) -> Table:
@@ -217,7 +217,7 @@ class FrameSet:
         """
         if self._star_lists is None:
             raise InputError("render with keep_stars=True to have them", "stars")
-        return self._with_provenance(star_table(self._axes, self._device_scene, self._star_lists))
+        return self._with_provenance(star_table(self._asked, self._device_scene, self._star_lists))
 
     @cached_property
     def artifacts(self) -> Table:
@@ -227,7 +227,7 @@ class FrameSet:
         which would give the same charge, and of a detector in electrons charge_e.
         """
         own = self._device_scene.artifacts
-        return self._with_provenance(artifact_table(own, self.instrument, self.frames, self.sensors, self.bands))
+        return self._with_provenance(artifact_table(own, self._asked))
 
     def _with_provenance(self, table: Table) -> Table:
         """Say in a table's meta where it is from."""
@@ -343,7 +343,7 @@ class FrameSet:
 
         NaN for absent ones.
         """
-        return target_positions_m(self._axes, self._host)
+        return target_positions_m(self._asked, self._host)
 
     @property
     def target_vector_m(self) -> npt.NDArray[np.float64]:

@@ -30,7 +30,7 @@ from warpsim.render.request import Request, checked_rate, checked_request
 from warpsim.render.stars import Skies
 from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, Stream, StreamStats, stream_sizes
 from warpsim.render.tiled_stars import with_stars_of
-from warpsim.render.truth import ImageAxes, truth_table
+from warpsim.render.truth import truth_table
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
@@ -195,15 +195,14 @@ class Renderer:
         Raises:
             InputError: As in `render`.
         """
-        request = checked_request(self.scenario, frames, sensors, bands, (False, False))
+        request = checked_request(self.scenario, frames, sensors, bands)
         with self._lock:
             scene, instrument = self._pipelines_of(request.instrument, tuple(request.bands)).scene, request.instrument
             numbers, rows = frame_numbers(request.frames), [instrument.index(name) for name in request.sensors]
             inputs = inputs_of_views(scene.device, instrument.frame_time_s(numbers), rows, numbers)
             columns = new_columns(scene, len(inputs.frame))
             observe(scene, inputs, columns, VIEWS_AT_A_TIME, self._threads)
-        axes = ImageAxes(self.scenario, request.instrument, list(request.frames), request.sensors, request.bands)
-        return truth_table(axes, scene, HostColumns(columns))
+        return truth_table(request, scene, HostColumns(columns))
 
     def stream(
         self,

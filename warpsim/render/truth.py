@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,43 +17,20 @@ from warpsim.launches import to_numpy
 from warpsim.optics.psf_bank import paths_struct
 from warpsim.orbit.earth import earth_clearance_m
 from warpsim.render.batch import HostColumns
-from warpsim.render.descriptions import described
+from warpsim.render.descriptions import STATE_NAMES, STATE_UNITS, described
 from warpsim.render.device_scene import DeviceBodies, DeviceScene, moved
+from warpsim.render.line_of_sight import sensor_states, target_states
+from warpsim.render.request import Request
 from warpsim.render.resolution import resolution_columns
 from warpsim.render.stages import split_light
-from warpsim.render.states import STATE_NAMES, STATE_UNITS, sensor_states, target_states
-from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
 from warpsim.scene.provenance import provenance
-from warpsim.scene.scenario import Scenario
 
 if TYPE_CHECKING:
     from astropy.table import Table
 
 
-@dataclass(frozen=True)
-class ImageAxes:
-    """Labels of the axes of rendered images."""
-
-    scenario: Scenario
-    instrument: Instrument
-    """The kind of the sensors."""
-    frames: list[int]
-    sensors: list[str]
-    bands: list[str]
-
-    @property
-    def time_s(self) -> npt.NDArray[np.float64]:
-        """Times of the frames after the epoch [s], shape (n_frame,)."""
-        return self.instrument.frame_time_s(self.frames)
-
-    @property
-    def nei_w_cm2(self) -> npt.NDArray[np.float64]:
-        """Noise equivalent irradiance in each band [W/cm2], shape (n_band,)."""
-        return np.array([self.instrument.nei_w_cm2(band) for band in self.bands])
-
-
-def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Table:
+def truth_table(frames: Request, scene: DeviceScene, seen: HostColumns) -> Table:
     """Return one row per frame x sensor x band x target.
 
     Columns: frame, time_s, date_obs (UTC), sensor, band, target, class; access (the sensor may observe this target),
@@ -116,7 +92,7 @@ _UNITS = {
 }  # fmt: skip
 
 
-def _flags(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.bool_]]:
+def _flags(frames: Request, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.bool_]]:
     """Return the yes-or-no columns of each target, each (frame, sensor, target)."""
     word = seen.observations["flags"].reshape(len(frames.frames), len(frames.sensors), scene.n_target)
     absent = (word & int(ABSENT)) != 0
@@ -156,7 +132,7 @@ def _geometry(scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np
     }
 
 
-def _light(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
+def _light(frames: Request, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
     """Return the brightness of each target, each (view, band, target)."""
     peak_part, stamp_part = _stamp_parts(scene, seen)
     # A target at the sensor itself would be infinitely bright: as bright as float32 can say.
@@ -172,7 +148,7 @@ def _light(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> dict[str
     }
 
 
-def _background(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
+def _background(frames: Request, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
     """Return the background behind each target, and the noise with it, each (view, band, target)."""
     background = np.asarray(seen.background_w_cm2, dtype=np.float64)
     noise_nei = np.ones_like(background)
@@ -185,7 +161,7 @@ def _background(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArray[n
     return {"background_w_cm2": background, "noise_nei": np.where(np.isnan(background), np.nan, noise_nei)}
 
 
-def _earth_behind(frames: ImageAxes, seen: HostColumns) -> npt.NDArray[np.bool_]:
+def _earth_behind(frames: Request, seen: HostColumns) -> npt.NDArray[np.bool_]:
     """Return whether lines of sight to targets in front of the camera meet the Earth behind them, (view, target)."""
     observed, camera = seen.observations, frames.instrument.sensor.camera
     flags, xy_px = observed["flags"], observed["xy_px"]
@@ -200,7 +176,7 @@ def _earth_behind(frames: ImageAxes, seen: HostColumns) -> npt.NDArray[np.bool_]
     return behind
 
 
-def _sensor_states(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
+def _sensor_states(frames: Request, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
     """Return the states of sensors, each (frame, sensor)."""
     axes = seen.views["axes"].reshape(len(frames.frames), len(frames.sensors), 3, 3)
     kind, time_s = frames.instrument, frames.time_s
@@ -208,18 +184,18 @@ def _sensor_states(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArra
     return {f"sensor_{name}": np.stack([state[:, i] for state in states], 1) for i, name in enumerate(STATE_NAMES)}
 
 
-def _target_states(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
+def _target_states(frames: Request, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
     """Return the states of targets when their light left, each (view, target)."""
     states = _states_of_targets(frames, seen)
     return {f"target_{name}": states[..., i] for i, name in enumerate(STATE_NAMES)}
 
 
-def target_positions_m(frames: ImageAxes, seen: HostColumns) -> npt.NDArray[np.float64]:
+def target_positions_m(frames: Request, seen: HostColumns) -> npt.NDArray[np.float64]:
     """Return the positions of targets when their light left [m], (view, target, 3); NaN for absent ones."""
     return _states_of_targets(frames, seen)[..., :3]
 
 
-def _states_of_targets(frames: ImageAxes, seen: HostColumns) -> npt.NDArray[np.float64]:
+def _states_of_targets(frames: Request, seen: HostColumns) -> npt.NDArray[np.float64]:
     observed = seen.observations
     range_m = np.where((observed["flags"] & int(ABSENT)) == 0, observed["range_m"], np.nan)
     time_s = np.repeat(frames.time_s, len(frames.sensors))[:, None] + np.zeros(range_m.shape)
@@ -254,7 +230,7 @@ def _stamp_parts(scene: DeviceScene, seen: HostColumns) -> tuple[npt.NDArray[np.
     return peak, stamp
 
 
-def star_table(frames: ImageAxes, scene: DeviceScene, star_lists: list[tuple[npt.NDArray[Any], ...]]) -> Table:
+def star_table(frames: Request, scene: DeviceScene, star_lists: list[tuple[npt.NDArray[Any], ...]]) -> Table:
     """Return one row per frame x sensor x star whose stamp touches the image.
 
     Columns: frame, time_s, sensor, x_px, y_px, dx_px, dy_px (as in the truth), catalog_row, id, in_fov, and
