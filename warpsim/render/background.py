@@ -12,17 +12,16 @@ import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.background import Background as BackgroundStruct
 from warpsim_kernels.background import (
-    EarthShine,
     SkyPlates,
-    StrayLight,
-    SunPath,
     make_add_background_kernel,
     make_background_nodes_kernel,
     make_background_of_targets_kernel,
     stray_light_kernel,
 )
 from warpsim_kernels.canvas import N_PAIR
+from warpsim_kernels.earth_shine import EarthShine, SunPath
 from warpsim_kernels.records import View
+from warpsim_kernels.stray_light import StrayLight
 
 from warpsim.background.earth_limb import limb_profile
 from warpsim.background.moon import MOON_RADIUS_M, moon_brightness_w_cm2, moon_position_m
