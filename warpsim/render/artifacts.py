@@ -12,6 +12,7 @@ from warpsim.detector.detectors import ElectronDetector
 from warpsim.launches import to_numpy
 from warpsim.render.batch import new_inputs
 from warpsim.render.buffers import new_signal
+from warpsim.render.descriptions import with_units
 from warpsim.render.device_artifacts import FLICKER, HIT, DeviceArtifacts
 from warpsim.render.request import Request
 from warpsim.render.stages import artifacts
@@ -64,5 +65,4 @@ def artifact_table(own: DeviceArtifacts | None, asked: Request) -> Table:
         e_per_w_cm2 = {band: getattr(instrument.levels[band], "e_per_w_cm2") for band in bands}  # noqa: B009
         scale = np.array([e_per_w_cm2[band] for band in columns["band"]])
         columns["charge_e"] = columns["irradiance_w_cm2"] * scale
-    units = {"x_px": "pix", "y_px": "pix", "irradiance_w_cm2": "W / cm2", "charge_e": "electron"}
-    return Table(columns, units={name: units[name] for name in columns if name in units})
+    return with_units(Table(columns))

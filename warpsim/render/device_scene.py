@@ -29,7 +29,8 @@ class DeviceBodies:
 
     instrument: Instrument
     device: wp.Device
-    n_band: int
+    bands: list[str]
+    """Names."""
     n_target: int
     aim_kernel: wp.Kernel
     pointing: Any
@@ -44,9 +45,9 @@ class DeviceBodies:
     """Instants at which sources are followed through the exposure."""
 
     @property
-    def has_background(self) -> bool:
-        """Whether every pixel has light of what lies behind sources."""
-        return self.instrument.background.is_on
+    def n_band(self) -> int:
+        """Bands."""
+        return len(self.bands)
 
 
 @dataclass(frozen=True)
@@ -89,11 +90,6 @@ class Streaks:
     def enabled(self) -> bool:
         """Whether sources move."""
         return self.n_path > 0
-
-
-def no_streaks() -> Streaks:
-    """Nothing moves."""
-    return Streaks(0, 0.0, np.zeros(0), Instants())
 
 
 def streaks_at(n_path: int, span_s: float, device: wp.Device, error_px: float = 0.0) -> Streaks:

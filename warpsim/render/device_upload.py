@@ -16,6 +16,7 @@ from warpsim_kernels.camera import Camera as CameraStruct
 from warpsim_kernels.camera import Distortion as LensStruct
 from warpsim_kernels.motion import BodyNodes, NodeGrid, Nodes
 from warpsim_kernels.records import Sources, View
+from warpsim_kernels.trace import Instants
 
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.launches import struct_of, to_numpy
@@ -30,7 +31,7 @@ from warpsim.render.batch import new_inputs
 from warpsim.render.buffers import new_exposure
 from warpsim.render.device import kernel_loading
 from warpsim.render.device_artifacts import band_ids, make_artifacts
-from warpsim.render.device_scene import DeviceBodies, DeviceScene, Streaks, make_roll, no_streaks, streaks_at
+from warpsim.render.device_scene import DeviceBodies, DeviceScene, Streaks, make_roll, streaks_at
 from warpsim.render.pointing_arrays import make_pointing
 from warpsim.render.read_out import make_read_out
 from warpsim.render.stages import aim, image_kernels, trace
@@ -56,14 +57,14 @@ def make_device_bodies(
     still = DeviceBodies(
         instrument,
         device,
-        len(bands),
+        list(bands),
         len(scenario.targets),
         *make_pointing(instrument, device),
         tracks_struct(scenario.tracks, instrument.satellites, device),
         make_target_field(scenario, instrument, bands, device, with_streaks),
         camera_struct(camera),
         wp.array(camera.sample_points, dtype=wp.vec3d, device=device),
-        no_streaks(),
+        Streaks(0, 0.0, np.zeros(0), Instants()),
     )
     if not (with_streaks and instrument.sensor.streaks):
         return still

@@ -92,7 +92,7 @@ class FrameSet:
     @property
     def axes_icrs(self) -> npt.NDArray[np.float64]:
         """Camera axes as rows x, y, z, errors of pointing included, shape (frame, sensor, 3, 3)."""
-        return self._host.views["axes"].reshape(len(self.frames), len(self.sensors), 3, 3)
+        return self._of_views("axes")
 
     @property
     def up_replaced(self) -> npt.NDArray[np.bool_]:
@@ -114,27 +114,31 @@ class FrameSet:
         return Request(self.scenario, self.instrument, self.frames, self.sensors, self.bands)
 
     def _view_flag(self, bit: int) -> npt.NDArray[np.bool_]:
-        word = self._host.views["flags"].reshape(len(self.frames), len(self.sensors))
-        return np.asarray((word & bit) != 0)
+        return np.asarray((self._of_views("flags") & bit) != 0)
+
+    def _of_views(self, name: str) -> npt.NDArray[Any]:
+        """Field of the view records, (frame, sensor, ...)."""
+        values = self._host.views[name]
+        return values.reshape(len(self.frames), len(self.sensors), *values.shape[1:])
 
     @property
     def velocity_m_s(self) -> npt.NDArray[np.float64]:
         """Barycentric velocity of the sensors, ICRS axes [m/s], shape (frame, sensor, 3)."""
-        return self._host.views["velocity_m_s"].reshape(len(self.frames), len(self.sensors), 3)
+        return self._of_views("velocity_m_s")
 
     @property
     def barycentric_m(self) -> npt.NDArray[np.float64]:
         """Barycentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
-        return self._from_earth(earth_states(self.scenario.epoch, self.time_s).barycentric_m)
+        return self._from_earth("barycentric_m")
 
     @property
     def heliocentric_m(self) -> npt.NDArray[np.float64]:
         """Heliocentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
-        return self._from_earth(earth_states(self.scenario.epoch, self.time_s).heliocentric_m)
+        return self._from_earth("heliocentric_m")
 
-    def _from_earth(self, earth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        geocentric = self._host.views["position_m"].reshape(len(self.frames), len(self.sensors), 3)
-        return np.asarray(earth_m[:, None] + geocentric)
+    def _from_earth(self, name: str) -> npt.NDArray[np.float64]:
+        earth_m = getattr(earth_states(self.scenario.epoch, self.time_s), name)
+        return np.asarray(earth_m[:, None] + self._of_views("position_m"))
 
     def wcs(self, frame: int, sensor: str) -> WCS:
         """TAN WCS of one image (astropy): apparent ICRS directions against zero-based pixel coordinates.

@@ -17,6 +17,7 @@ from warpsim.arguments import chosen_names, times_s
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
 from warpsim.render.batch import inputs_of_views, new_columns
+from warpsim.render.descriptions import with_units
 from warpsim.render.device import default_device, worker_count
 from warpsim.render.device_scene import DeviceBodies
 from warpsim.render.device_upload import make_device_bodies
@@ -100,13 +101,7 @@ class LightCurves:
         columns["irradiance_w_cm2"] = self.irradiance_w_cm2.ravel()
         columns |= {f"{name}_w_cm2": values.ravel() for name, values in self.terms_w_cm2.items()}
         columns["snr"] = self.snr.ravel()
-        scene = self.scenario.scene
-        table = Table(columns, meta=provenance(scene))
-        units = {"time_s": "s", "range_km": "km", "aspect_deg": "deg", "projected_area_m2": "m2", "temperature_k": "K"}
-        units |= {name: "W / cm2" for name in table.colnames if name.endswith("_w_cm2")}
-        for name, unit in units.items():
-            table[name].unit = unit
-        return table
+        return with_units(Table(columns, meta=provenance(self.scenario.scene)))
 
     def __repr__(self) -> str:
         sizes = f"{len(self.time_s)} times, {len(self.sensors)} sensors, {len(self.targets)} targets"

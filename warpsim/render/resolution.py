@@ -52,12 +52,11 @@ def merge_px(instrument: Instrument, band: str) -> tuple[float, float]:
     return half_x_px + 0.5, half_y_px + 0.5
 
 
-def resolution_columns(scene: DeviceScene, bands: Sequence[str], seen: HostColumns) -> dict[str, npt.NDArray[Any]]:
+def resolution_columns(scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[Any]]:
     """Return how well targets can be told apart and measured, by column of truth.
 
     Args:
         scene: What was rendered.
-        bands: Names of the bands.
         seen: Its columns.
 
     Returns:
@@ -68,15 +67,15 @@ def resolution_columns(scene: DeviceScene, bands: Sequence[str], seen: HostColum
     behind = (seen.observations["flags"] & int(BEHIND)) != 0
     irradiance = np.where(behind[:, None], np.float32(0.0), seen.irradiance_w_cm2)
     targets = _target_images(scene, seen, irradiance)
-    merging = wp.array([merge_px(instrument, band) for band in bands], dtype=wp.vec2d, device=device)
+    merging = wp.array([merge_px(instrument, band) for band in scene.bands], dtype=wp.vec2d, device=device)
     parent, n_member, clump = (wp.empty(shape, dtype=wp.int32, device=device) for _ in range(3))
     nearest, own, others = (wp.full(shape, np.nan, dtype=wp.float64, device=device) for _ in range(3))
     if parent.size:
         Launch(find_clumps_kernel, shape[:2], [targets, merging], [parent, n_member, clump], device).run()
         scene.psf.measure_blends(targets, scene.stamp_rule, [nearest, own, others], scene.streaks.enabled)
     near_px, own_w_cm2, others_w_cm2 = (to_numpy(array) for array in (nearest, own, others))
-    half_px = WINDOW * np.array([merge_px(instrument, band) for band in bands]).reshape(-1, 2)
-    bound = cramer_rao_bounds(scene, bands, targets, seen, half_px)
+    half_px = WINDOW * np.array([merge_px(instrument, band) for band in scene.bands]).reshape(-1, 2)
+    bound = cramer_rao_bounds(scene, targets, seen, half_px)
     whole = own_w_cm2 + others_w_cm2
     return {
         "neighbour_px": np.where(np.isinf(near_px), np.nan, near_px),
@@ -118,13 +117,12 @@ def full_w_cm2(instrument: Instrument, band: str) -> float:
 
 
 def cramer_rao_bounds(
-    scene: DeviceScene, bands: Sequence[str], targets: Any, seen: HostColumns, half_px: npt.NDArray[np.float64]
+    scene: DeviceScene, targets: Any, seen: HostColumns, half_px: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
     """Return the bounds of x and y [px] and of the light over itself, (view, band, target, 3); NaN without light.
 
     Args:
         scene: What was rendered.
-        bands: Names of the bands.
         targets: The kernels' TargetImages, of the same views.
         seen: Columns of the views.
         half_px: Columns and rows to each side of a target, or of its path, that are fitted, (n_band, 2).
@@ -134,7 +132,7 @@ def cramer_rao_bounds(
     found = np.full((*shape, 3), np.nan)
     if found.size == 0:
         return found
-    noise = _pixel_noise(instrument, bands, scene.device)
+    noise = _pixel_noise(instrument, scene.bands, scene.device)
     item = np.argwhere(to_numpy(targets.irradiance_w_cm2) > 0.0)
     window = _windows(instrument, seen, half_px)[tuple(item.T)]
     n_value = (window[:, 1] - window[:, 0]) * (window[:, 3] - window[:, 2]) * int(moving)

@@ -73,22 +73,13 @@ def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: Exposure
     """Views: camera axes, position and velocity from the tracks and the pointing; where light moves, in between too."""
     launches = [_aim(scene, TimedViews(inputs.time_s, inputs.time_s, inputs.sensor, views))]
     if exposure is not None:
+        at, when = exposure, [exposure.time_s, exposure.middle_s, exposure.sensor]
+        reads, device = [inputs.time_s, inputs.sensor, at.offset_s], scene.device
+        reach = make_reach_kernel(scene.field.features.distortion)
         launches += [
-            Launch(
-                spread_views_kernel,
-                exposure.time_s.shape,
-                [inputs.time_s, inputs.sensor, exposure.offset_s],
-                [exposure.time_s, exposure.middle_s, exposure.sensor],
-                scene.device,
-            ),
-            _aim(scene, exposure),
-            Launch(
-                make_reach_kernel(scene.field.features.distortion),
-                views.shape,
-                [exposure.views, scene.camera, scene.sample_points],
-                [views],
-                scene.device,
-            ),
+            Launch(spread_views_kernel, at.time_s.shape, reads, when, device),
+            _aim(scene, at),
+            Launch(reach, views.shape, [at.views, scene.camera, scene.sample_points], [views], device),
         ]
     return Stage("aim", len(views), launches)
 
@@ -108,29 +99,17 @@ def observe_targets(
     rows: RowViews | None = None,
 ) -> Stage:
     """Observe each target, at its row's time where that has one, and fill the first source slots."""
-    field, n_view = scene.field, len(columns.views)
+    field, n_view, device = scene.field, len(columns.views), scene.device
+    bodies, seen, n_thread = field.bodies, columns.observations, field.threads_per_view
     time_s, views = inputs.time_s, columns.views
     if rows is not None:
         time_s, views = rows.time_s.flatten(), rows.views.flatten()
-    launches = [
-        Launch(
-            field.observe_kernel,
-            (n_view, field.threads_per_view),
-            [time_s, views, scene.tracks, field.bodies, scene.camera, field.threads_per_view],
-            [sources, columns.observations, columns.irradiance_w_cm2, area_series],
-            scene.device,
-        )
-    ]
+    reads = [time_s, views, scene.tracks, bodies, scene.camera, n_thread]
+    writes = [sources, seen, columns.irradiance_w_cm2, area_series]
+    launches = [Launch(field.observe_kernel, (n_view, n_thread), reads, writes, device)]
     if field.profile_kernel is not None:
-        launches.append(
-            Launch(
-                field.profile_kernel,
-                (n_view, scene.n_band, scene.n_target),
-                [field.bodies.surfaces, field.bodies.radiance, columns.observations, area_series],
-                [columns.brightness],
-                scene.device,
-            )
-        )
+        dim, reads = (n_view, scene.n_band, scene.n_target), [bodies.surfaces, bodies.radiance, seen, area_series]
+        launches.append(Launch(field.profile_kernel, dim, reads, [columns.brightness], device))
     return Stage("observe_targets", n_view, launches)
 
 
@@ -157,22 +136,13 @@ def trace(
 ) -> Stage:
     """Sources: how they move during the exposure."""
     n_view, n_slot = sources.xy_px.shape
-    distortion = scene.field.features.distortion
+    n_target, camera, device = scene.n_target, scene.camera, scene.device
+    distortion, views, instants = scene.field.features.distortion, exposure.views, streaks.instants
+    of_targets, of_stars = make_trace_targets_kernel(distortion), make_trace_stars_kernel(distortion)
+    reads, writes = [exposure.time_s, views, scene.tracks, camera, instants], [sources, offset_px]
     launches = [
-        Launch(
-            make_trace_targets_kernel(distortion),
-            (n_view, scene.n_target),
-            [exposure.time_s, exposure.views, scene.tracks, scene.camera, streaks.instants],
-            [sources, offset_px],
-            scene.device,
-        ),
-        Launch(
-            make_trace_stars_kernel(distortion),
-            (n_view, n_slot - scene.n_target),
-            [exposure.views, scene.camera, streaks.instants, scene.n_target],
-            [sources],
-            scene.device,
-        ),
+        Launch(of_targets, (n_view, n_target), reads, writes, device),
+        Launch(of_stars, (n_view, n_slot - n_target), [views, camera, instants, n_target], [sources], device),
     ]
     return Stage("trace", n_view, launches)
 
@@ -188,22 +158,12 @@ def locate_targets(scene: DeviceBodies, exposure: ExposureViews, sources: Any) -
 def roll(scene: DeviceBodies, inputs: Inputs, columns: Columns, sources: Any, rows: RowViews) -> Stage:
     """Sources at the times of their rows, of paths over those of all rows; and the targets' own views then."""
     n_view, n_slot = sources.xy_px.shape
-    row_roll, window_px = scene.streaks.roll, rows.sources.offset_px
+    n_target, device, row_roll, window_px = scene.n_target, scene.device, scene.streaks.roll, rows.sources.offset_px
+    reads, times = [inputs.time_s, inputs.sensor, row_roll, window_px], [rows.time_s, rows.middle_s, rows.sensor]
+    writes = [sources, columns.offset_px, columns.row_time_s, *times]
     launches = [
-        Launch(
-            roll_targets_kernel,
-            (n_view, scene.n_target),
-            [inputs.time_s, inputs.sensor, row_roll, window_px],
-            [sources, columns.offset_px, columns.row_time_s, rows.time_s, rows.middle_s, rows.sensor],
-            scene.device,
-        ),
-        Launch(
-            roll_stars_kernel,
-            (n_view, n_slot - scene.n_target),
-            [row_roll, window_px, scene.n_target],
-            [sources],
-            scene.device,
-        ),
+        Launch(roll_targets_kernel, (n_view, n_target), reads, writes, device),
+        Launch(roll_stars_kernel, (n_view, n_slot - n_target), [row_roll, window_px, n_target], [sources], device),
         _aim(scene, rows),
     ]
     return Stage("roll", n_view, launches)
@@ -217,16 +177,8 @@ def background(
     assert own is not None
     n_image, (n_row, n_col) = n_view * scene.n_band, signal.images.shape[2:]
     sky, earth = nodes.sky_w_cm2[:n_view], nodes.earth_km[:n_view]
-    launches = [
-        Launch(
-            own.add_kernel,
-            [n_image * n_row],
-            [own.struct, sky, earth, n_col, n_row],
-            [signal.flat, signal.touched.flatten()],
-            scene.device,
-            own.n_thread,
-        )
-    ]
+    reads, writes = [own.struct, sky, earth, n_col, n_row], [signal.flat, signal.touched.flatten()]
+    launches = [Launch(own.add_kernel, [n_image * n_row], reads, writes, scene.device, own.n_thread)]
     if own.image_w_cm2 is not None:
         reads = [own.image_w_cm2.flatten(), n_row * n_col, scene.n_band]
         launches.append(Launch(add_image_kernel, [n_image * n_row * n_col], reads, [signal.flat], scene.device))
@@ -310,7 +262,7 @@ def is_read_out_at_once(scene: DeviceBodies) -> bool:
     """
     camera, detector = scene.instrument.sensor.camera, scene.instrument.sensor.detector
     whole = camera.n_row * camera.n_col % STRIP_PIXELS == 0
-    in_memory = scene.streaks.enabled or scene.has_background or has_artifacts(detector)
+    in_memory = scene.streaks.enabled or scene.instrument.background.is_on or has_artifacts(detector)
     return scene.device.is_cuda and not (in_memory or detector.maps_file is not None) and whole
 
 

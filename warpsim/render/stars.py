@@ -199,7 +199,7 @@ def make_stars(
     sensor, sky, rows, device = instrument.sensor, scenario.scene.sky, index.star_row, index.device
     irradiance = np.stack([index.catalog.irradiance_w_cm2(instrument.bands[name], sky.physics)[rows] for name in bands])
     light = wp.array(irradiance.astype(np.float32), dtype=wp.float32, device=device)
-    half_width = _half_width_px(light, psf, stamp_rule)
+    half_width = half_width_px(light, psf, stamp_rule)
     parallax_rad = np.zeros(0)
     if sky.parallax:
         # A negative parallax is a measuring error of one near 0.
@@ -244,13 +244,8 @@ def star_kernel(features: StarFeatures, device: wp.Device) -> wp.Kernel:
     return make_gather_stars_kernel(features, star_threads(device))
 
 
-def widest_stamp_px(irradiance: wp.array, psf: PsfBank, stamp_rule: Any) -> int:
-    """Return the half-width of the widest stamp of some stars, of irradiances (n_band, n_star)."""
-    return int(_half_width_px(irradiance, psf, stamp_rule).max(initial=0))
-
-
-def _half_width_px(irradiance: wp.array, psf: PsfBank, stamp_rule: Any) -> npt.NDArray[np.int32]:
-    """Widest stamp of each star over the bands, by the rule that deposit follows; shape (n_star,)."""
+def half_width_px(irradiance: wp.array, psf: PsfBank, stamp_rule: Any) -> npt.NDArray[np.int32]:
+    """Return the widest stamp of each star over the bands, by the rule that deposit follows; shape (n_star,)."""
     if irradiance.size == 0:
         return np.zeros(irradiance.shape[1], dtype=np.int32)
     half_width = wp.empty(irradiance.shape, dtype=wp.int32, device=irradiance.device)

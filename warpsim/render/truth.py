@@ -17,7 +17,7 @@ from warpsim.launches import to_numpy
 from warpsim.optics.psf_bank import paths_struct
 from warpsim.orbit.earth import earth_clearance_m
 from warpsim.render.batch import HostColumns
-from warpsim.render.descriptions import STATE_NAMES, STATE_UNITS, described
+from warpsim.render.descriptions import STATE_NAMES, described, with_units
 from warpsim.render.device_scene import DeviceBodies, DeviceScene, moved
 from warpsim.render.line_of_sight import sensor_states, target_states
 from warpsim.render.request import Request
@@ -74,22 +74,11 @@ def truth_table(frames: Request, scene: DeviceScene, seen: HostColumns) -> Table
     if seen.background_w_cm2 is not None:
         columns |= {name: spread(values, 0, 1, 2, 3) for name, values in _background(frames, seen).items()}
         columns["earth_behind"] = spread(_earth_behind(frames, seen), 0, 1, 3)
-    apart = resolution_columns(scene, frames.bands, seen)
+    apart = resolution_columns(scene, seen)
     columns |= {name: spread(values, 0, 1, 2, 3) for name, values in apart.items()}
     columns |= {name: spread(values, 0, 1) for name, values in _sensor_states(frames, seen).items()}
     columns |= {name: spread(values, 0, 1, 3) for name, values in _target_states(frames, seen).items()}
-    table = Table(columns, meta=provenance(frames.scenario.scene))
-    for name in table.colnames:
-        if name in _UNITS or name.endswith("_w_cm2"):
-            table[name].unit = _UNITS.get(name, "W / cm2")
-    return described(table)
-
-
-_UNITS = {
-    "time_s": "s", "row_time_s": "s", "x_px": "pix", "y_px": "pix", "dx_px": "pix", "dy_px": "pix", "range_km": "km",
-    "aspect_deg": "deg", "projected_area_m2": "m2", "temperature_k": "K", "neighbour_px": "pix", "x_sigma_px": "pix",
-    "y_sigma_px": "pix", **STATE_UNITS,
-}  # fmt: skip
+    return described(with_units(Table(columns, meta=provenance(frames.scenario.scene))))
 
 
 def _flags(frames: Request, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.bool_]]:
@@ -264,8 +253,4 @@ def star_table(frames: Request, scene: DeviceScene, star_lists: list[tuple[npt.N
     )
     name = scene.stars.index.catalog.name
     table.meta |= {"CATALOG": name, "BANDS": ",".join(frames.bands)}
-    table["time_s"].unit = "s"
-    for name in ("x_px", "y_px", "dx_px", "dy_px"):
-        table[name].unit = "pix"
-    table["irradiance_w_cm2"].unit = "W / cm2"
-    return described(table)
+    return described(with_units(table))
