@@ -85,16 +85,13 @@ class JacobianStamps:
 
         numbers = np.flatnonzero((self.view == view) & (self.band == band)).tolist()
         pixels = [self._pixels(number) for number in numbers]
-        row, value, length = [], [], []
-        for name in by:
-            column = PARAMETERS.index(name)
-            for number, own in zip(numbers, pixels, strict=True):
-                row.append(own)
-                value.append(self.values[self.first[number] : self.first[number] + len(own), column])
-                length.append(len(own))
+        columns = [PARAMETERS.index(name) for name in by]
+        values = [self.values[self.first[n] : self.first[n] + len(own)] for n, own in zip(numbers, pixels, strict=True)]
+        value = np.concatenate([*values, np.zeros((0, len(PARAMETERS)))])[:, columns].T.ravel()
+        row = np.tile(np.concatenate([*pixels, np.zeros(0, np.int64)]), len(columns))
+        length = np.tile([len(own) for own in pixels], len(columns))
         pointer = np.concatenate([[0], np.cumsum(length)]).astype(np.int64)
-        one = np.concatenate([*value, np.zeros(0)]), np.concatenate([*row, np.zeros(0, np.int64)]), pointer
-        return csc_array(one, shape=(self.shape[0] * self.shape[1], len(length)))
+        return csc_array((value, row, pointer), shape=(self.shape[0] * self.shape[1], len(length)))
 
     def _pixels(self, number: int) -> Ints:
         """Pixels of a window, counted along the rows of the image."""

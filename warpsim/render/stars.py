@@ -31,17 +31,13 @@ from warpsim.sky.readers.options import ReadOptions
 from warpsim.sky.tiles import StarTiles
 
 
-def read_options(sky: Sky) -> ReadOptions:
-    """Return how the catalog file of a sky is read."""
-    return ReadOptions(sky.format, sky.columns, sky.table, sky.epoch_jyear, None, sky.region, sky.limit).checked()
-
-
 def tiles_of(sky: Sky) -> StarTiles | None:
     """Return the tiles of a sky whose catalog is a HATS folder, all of it; None of any other."""
     if sky.catalog in BUILT_IN_CATALOGS or sky.region or sky.limit or not is_hats(Path(sky.catalog)):
         return None
     try:
-        return StarTiles(Path(sky.catalog), read_options(sky))
+        options = ReadOptions(sky.format, sky.columns, sky.table, sky.epoch_jyear, None, sky.region, sky.limit)
+        return StarTiles(Path(sky.catalog), options.checked())
     except InputError as error:
         raise _of_sky(error) from None
 
@@ -56,19 +52,10 @@ def load_catalog(sky: Sky, bands: Iterable[Band] = ()) -> StarCatalog:
         if sky.catalog == "union":
             return StarCatalog.union()
         if sky.synthetic is not None:
-            synthetic = sky.synthetic
-            return StarCatalog.synthetic(
-                synthetic.n_star, limit_jy=synthetic.limit_jy, sky=synthetic.sky, seed=synthetic.seed
-            )
-        return StarCatalog.read(
-            sky.catalog,
-            sky.format,
-            columns=sky.columns,
-            table=sky.table,
-            epoch_jyear=sky.epoch_jyear,
-            region=sky.region,
-            limit=sky.limit,
-        )
+            own = sky.synthetic
+            return StarCatalog.synthetic(own.n_star, limit_jy=own.limit_jy, sky=own.sky, seed=own.seed)
+        names = ("columns", "table", "epoch_jyear", "region", "limit")
+        return StarCatalog.read(sky.catalog, sky.format, **{name: getattr(sky, name) for name in names})
     except InputError as error:
         raise _of_sky(error) from None
 

@@ -31,22 +31,12 @@ if TYPE_CHECKING:
 
 
 def truth_table(frames: Request, scene: DeviceScene, seen: HostColumns) -> Table:
-    """Return one row per frame x sensor x band x target.
+    """Return one row per frame x sensor x band x target; DESCRIPTIONS has what its columns mean.
 
-    Columns: frame, time_s, date_obs (UTC), sensor, band, target, class; access (the sensor may observe this target),
-    in_fov, occulted, not_deployed (still with its main target), absent (the row knows nothing else); x_px and y_px in
-    the middle of the exposure (NaN behind the camera and for absent targets), dx_px and dy_px from its start to its end
-    (0 where streaks are off), row_time_s (with line_time_s alone: mid-exposure of its row after the frame's time, when
-    all but access is as the row says), range_km, aspect_deg, projected_area_m2 (mean over the exposure), temperature_k,
-    sunlit_fraction; irradiance_w_cm2 at the pupil (0 when occulted, not deployed or absent) and what it is the sum of,
-    emitted_w_cm2, sun_w_cm2, earth_w_cm2 and albedo_w_cm2 (0 where the scene leaves a term out); snr = irradiance /
-    NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond the stamp). How well it can be told apart
-    and measured (`warpsim.render.resolution`): neighbour_px, clump_id, resolvable, blend_fraction (part of the targets'
-    light in its own pixel that is not its own), and x_sigma_px, y_sigma_px and irradiance_sigma_w_cm2, Cramer-Rao
-    bounds. States, geocentric in GCRS axes: sensor_x_m ... sensor_vz_m_s, sensor_qx ... sensor_qw (rotation from GCRS
-    to camera axes), target_x_m ... target_qw (from GCRS to body axes) when the light left. With a background also
-    background_w_cm2, what it adds to the target's pixel, noise_nei, the noise of a pixel with it, and earth_behind,
-    whether the line of sight meets the Earth behind the target; NaN and false far outside the frame.
+    Positions are NaN behind the camera and for absent targets, of which a row knows nothing else; dx_px and dy_px are 0
+    where streaks are off. row_time_s is there with line_time_s alone: all but access is then as at the time of the row.
+    Light is 0 when occulted, not deployed or absent, and a term of it where the scene leaves it out. With a background
+    there are also background_w_cm2, noise_nei and earth_behind; NaN and false far outside the frame.
     """
     from astropy.table import Table
 
@@ -68,16 +58,20 @@ def truth_table(frames: Request, scene: DeviceScene, seen: HostColumns) -> Table
         "target": spread(np.array([target.name for target in targets], dtype=str), 3),
         "class": spread(np.array([target.spec.class_name for target in targets], dtype=str), 3),
     }
-    columns |= {name: spread(values, 0, 1, 3) for name, values in _flags(frames, scene, seen).items()}
-    columns |= {name: spread(values, 0, 1, 3) for name, values in _geometry(scene, seen).items()}
-    columns |= {name: spread(values, 0, 1, 2, 3) for name, values in _light(frames, scene, seen).items()}
+    groups: list[tuple[tuple[int, ...], dict[str, npt.NDArray[Any]]]] = [
+        ((0, 1, 3), _flags(frames, scene, seen)),
+        ((0, 1, 3), _geometry(scene, seen)),
+        ((0, 1, 2, 3), _light(frames, scene, seen)),
+    ]
     if seen.background_w_cm2 is not None:
-        columns |= {name: spread(values, 0, 1, 2, 3) for name, values in _background(frames, seen).items()}
-        columns["earth_behind"] = spread(_earth_behind(frames, seen), 0, 1, 3)
-    apart = resolution_columns(scene, seen)
-    columns |= {name: spread(values, 0, 1, 2, 3) for name, values in apart.items()}
-    columns |= {name: spread(values, 0, 1) for name, values in _sensor_states(frames, seen).items()}
-    columns |= {name: spread(values, 0, 1, 3) for name, values in _target_states(frames, seen).items()}
+        groups.append(((0, 1, 2, 3), _background(frames, seen)))
+        groups.append(((0, 1, 3), {"earth_behind": _earth_behind(frames, seen)}))
+    groups.append(((0, 1, 2, 3), resolution_columns(scene, seen)))
+    groups.append(((0, 1), _sensor_states(frames, seen)))
+    states = _states_of_targets(frames, seen)
+    groups.append(((0, 1, 3), {f"target_{name}": states[..., i] for i, name in enumerate(STATE_NAMES)}))
+    for axes, group in groups:
+        columns |= {name: spread(values, *axes) for name, values in group.items()}
     return described(with_units(Table(columns, meta=provenance(frames.scenario.scene))))
 
 
@@ -171,12 +165,6 @@ def _sensor_states(frames: Request, seen: HostColumns) -> dict[str, npt.NDArray[
     kind, time_s = frames.instrument, frames.time_s
     states = [sensor_states(kind, name, time_s, axes[:, i]) for i, name in enumerate(frames.sensors)]
     return {f"sensor_{name}": np.stack([state[:, i] for state in states], 1) for i, name in enumerate(STATE_NAMES)}
-
-
-def _target_states(frames: Request, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
-    """Return the states of targets when their light left, each (view, target)."""
-    states = _states_of_targets(frames, seen)
-    return {f"target_{name}": states[..., i] for i, name in enumerate(STATE_NAMES)}
 
 
 def target_positions_m(frames: Request, seen: HostColumns) -> npt.NDArray[np.float64]:
