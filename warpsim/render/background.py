@@ -59,7 +59,6 @@ class DeviceBackground:
     n_node: int
     earth: bool
     stray: bool
-    stray_kernel: wp.Kernel
     nodes_kernel: wp.Kernel
     add_kernel: wp.Kernel
     n_thread: int
@@ -107,7 +106,6 @@ def make_background(
         len(direction),
         wanted.earth,
         stray is not None,
-        stray_light_kernel,
         make_background_nodes_kernel(wanted.earth, stray is not None),
         make_add_background_kernel(wanted.earth, n_thread),
         n_thread,

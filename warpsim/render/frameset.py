@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -57,17 +57,13 @@ class FrameSet:
         """The frame at an index along the first axis, as a set of its own that shares the memory; -1 for the last."""
         n_sensor, index = len(self.sensors), range(len(self.counts))[index]
         first, end = index * n_sensor, (index + 1) * n_sensor
-        return FrameSet(
-            self.scenario,
-            self.instrument,
-            self._numbers[index : index + 1],
-            self.sensors,
-            self.bands,
-            self.counts.part(index, index + 1),
-            None if self.signal_w_cm2 is None else self.signal_w_cm2.part(index, index + 1),
-            self._device_scene,
-            self._columns.part(first, end),
-            self._star_lists and self._star_lists[first:end],
+        return replace(
+            self,
+            _numbers=self._numbers[index : index + 1],
+            counts=self.counts.part(index, index + 1),
+            signal_w_cm2=None if self.signal_w_cm2 is None else self.signal_w_cm2.part(index, index + 1),
+            _columns=self._columns.part(first, end),
+            _star_lists=self._star_lists and self._star_lists[first:end],
         )
 
     @cached_property

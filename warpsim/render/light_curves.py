@@ -21,9 +21,8 @@ from warpsim.render.descriptions import with_units
 from warpsim.render.device import default_device, worker_count
 from warpsim.render.device_scene import DeviceBodies
 from warpsim.render.device_upload import make_device_bodies
-from warpsim.render.observation import observe
 from warpsim.render.request import checked_names
-from warpsim.render.truth import sunlit_fraction
+from warpsim.render.truth import observe, sunlit_fraction
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
 from warpsim.scene.provenance import provenance

@@ -1,4 +1,4 @@
-"""Pointing on a device: the kernel of the stage aim, and what it reads."""
+"""Pointing on a device: the kernel of the stage aim, what it reads, and pointing that somebody outside commands."""
 
 from __future__ import annotations
 
@@ -24,11 +24,14 @@ from warpsim_kernels.pointing_errors import N_STEP, STEPS_PER_CORRELATION, Point
 from warpsim_kernels.pointing_errors import Jitter as JitterStruct
 
 from warpsim.launches import struct_of
+from warpsim.render.device import kernel_loading
 from warpsim.render.target_field import make_attitudes, rows_once
 from warpsim.scene.camera_axes import PointingLaw
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.pointing import Bias, Drift, Jitter
+from warpsim.scene.pointing_commands import AppliedCommand, PointingCommand, apply_command, checked_command
 from warpsim.scene.pointing_program import SensorProgram
+from warpsim.scene.scenario import Scenario
 from warpsim.streams import normals
 
 _KINDS = {"track": LAW_TRACK, "fixed": LAW_FIXED, "scan": LAW_SCAN, "attitude": LAW_ATTITUDE}
@@ -163,3 +166,45 @@ def jitter_struct(jitter: Jitter | None, key: int) -> Any:
         seed_low=key & 0xFFFFFFFF,
         seed_high=key >> 32,
     )
+
+
+class CommandedPointing:
+    """Pointing of the sensors of a stream, as commanded so far.
+
+    Args:
+        scenario: What the frames are of.
+        instrument: The kind of the sensors.
+        sensors: Names of those rendered.
+        devices: Where they are rendered.
+    """
+
+    def __init__(
+        self, scenario: Scenario, instrument: Instrument, sensors: Sequence[str], devices: Sequence[wp.Device]
+    ) -> None:
+        self._scenario, self._own, self._sensors, self._devices = scenario, instrument, sensors, devices
+        self.instrument = instrument
+        """The kind of the sensors, as it is pointed from now on."""
+
+    def load(self) -> None:
+        """Load the kernel of commanded pointing, so that frames need not wait for it."""
+        instrument = self._own.commanded(self._own.program, {})
+        for device in self._devices:
+            loading = kernel_loading(device)
+            loading.start(make_aim_kernel(aim_features(instrument)))
+            loading.wait()
+
+    def checked(self, command: Any) -> PointingCommand:
+        """Return a command once it can be carried out without delay."""
+        checked = checked_command(command, self._scenario, self._sensors)
+        self.load()
+        return checked
+
+    def planned(
+        self, command: PointingCommand, before: Instrument, frame: int
+    ) -> tuple[Instrument, list[AppliedCommand]]:
+        """Return the instrument, as it was before, pointed from a frame on, and what that does."""
+        return apply_command(command, self._scenario, before, frame)
+
+    def restart(self) -> None:
+        """Point as the scene says."""
+        self.instrument = self._own

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import warp as wp
 from warpsim_kernels.artifacts import add_flicker_kernel, add_hits_kernel
-from warpsim_kernels.background import add_image_kernel, image_of_targets_kernel
+from warpsim_kernels.background import add_image_kernel, image_of_targets_kernel, stray_light_kernel
 from warpsim_kernels.canvas import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.deposit_read_out import RUN_PIXELS, make_deposit_read_out_kernel
 from warpsim_kernels.emission import make_split_kernel
@@ -195,7 +195,7 @@ def background_of_targets(
     sky, earth = nodes.sky_w_cm2[:n_view], nodes.earth_km[:n_view]
     stray, views = nodes.stray_w_cm2_sr[:n_view], [inputs.time_s, columns.views, own.struct]
     dim, out, device = (n_view, scene.n_target), [columns.background_w_cm2], scene.device
-    launches = [Launch(own.stray_kernel, (n_view,), views, [stray], device)] if own.stray else []
+    launches = [Launch(stray_light_kernel, (n_view,), views, [stray], device)] if own.stray else []
     launches += [
         Launch(own.nodes_kernel, (n_view, own.n_node), [*views, stray], [sky, earth], device),
         Launch(own.targets_kernel, dim, [sources.xy_px, own.struct, sky, earth], out, device),

@@ -1,7 +1,8 @@
-"""Truth tables: the numbers that the images were drawn from."""
+"""Truth tables: the numbers that the images were drawn from; and those of views whose images are not drawn."""
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,13 +17,14 @@ from warpsim.instant import utc_dates
 from warpsim.launches import to_numpy
 from warpsim.optics.psf_bank import paths_struct
 from warpsim.orbit.earth import earth_clearance_m
-from warpsim.render.batch import HostColumns
+from warpsim.render.batch import Columns, HostColumns, Inputs
+from warpsim.render.buffers import new_background_nodes, new_view_arrays
 from warpsim.render.descriptions import STATE_NAMES, described, with_units
 from warpsim.render.device_scene import DeviceBodies, DeviceScene, moved
 from warpsim.render.line_of_sight import sensor_states, target_states
 from warpsim.render.request import Request
 from warpsim.render.resolution import resolution_columns
-from warpsim.render.stages import split_light
+from warpsim.render.stages import background_of_targets, split_light, target_stages
 from warpsim.scene.light_terms import TERMS
 from warpsim.scene.provenance import provenance
 
@@ -242,3 +244,36 @@ def star_table(frames: Request, scene: DeviceScene, star_lists: list[tuple[npt.N
     name = scene.stars.index.catalog.name
     table.meta |= {"CATALOG": name, "BANDS": ",".join(frames.bands)}
     return described(with_units(table))
+
+
+def observe(
+    scene: DeviceBodies, inputs: Inputs, columns: Columns, size: int, threads: Executor, terms: wp.array | None = None
+) -> None:
+    """Fill the columns of views as rendering does, `size` views at a time.
+
+    Args:
+        scene: What the stages read.
+        inputs: Inputs of the views.
+        columns: Their columns.
+        size: Views at a time.
+        threads: Threads that work.
+        terms: Irradiance by each term, (N_TERM, n_view, n_band, n_target); filled where it is asked for.
+    """
+    n_view = len(inputs.frame)
+
+    def run(first: int) -> None:
+        end = min(first + size, n_view)
+        own = new_view_arrays(scene, inputs.part(first, end), scene.n_target, columns.part(first, end))
+        own.sources.n_source.fill_(scene.n_target)
+        stages = target_stages(scene, own)
+        if isinstance(scene, DeviceScene) and scene.background is not None:
+            nodes = new_background_nodes(scene, end - first)
+            stages.append(background_of_targets(scene, own.inputs, own.columns, own.sources, nodes))
+        if terms is not None:
+            stages.append(split_light(scene, own.columns.observations, terms[:, first:end]))
+        for stage in stages:
+            stage.run()
+
+    if n_view:
+        run(0)  # kernels are compiled by one thread
+        list(threads.map(run, range(size, n_view, size)))
