@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arguments import plain_array
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
@@ -153,15 +154,7 @@ _N_ROW_STEP = 8
 
 def _vectors(where: str, values: Any, size: int, unit: str) -> F64:
     """Vectors, (n, size), of one vector or several, or a Quantity of them."""
-    if hasattr(values, "to_value"):
-        try:
-            values = values.to_value(unit)
-        except Exception:
-            raise InputError(f"must be convertible to {unit}", where) from None
-    try:
-        vectors = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"must be numbers, shape (n, {size}) or ({size},)", where) from None
+    vectors = plain_array(values, unit, where)
     if vectors.ndim not in (1, 2) or vectors.shape[-1] != size:
         raise InputError(f"must have shape (n, {size}) or ({size},), got {vectors.shape}", where)
     if not np.isfinite(vectors).all():
@@ -171,12 +164,7 @@ def _vectors(where: str, values: Any, size: int, unit: str) -> F64:
 
 def _ranges(range_m: Any, count: int) -> F64:
     """Ranges of so many lines, one for all or one each."""
-    if hasattr(range_m, "to_value"):
-        range_m = range_m.to_value("m")
-    try:
-        values = np.asarray(range_m, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError("must be numbers", "range_m") from None
+    values = plain_array(range_m, "m", "range_m")
     if values.shape not in ((), (count,)):
         raise InputError(f"must be one number, or {count} of them, got shape {values.shape}", "range_m")
     if not (np.isfinite(values) & (values >= 0.0)).all():
