@@ -117,8 +117,8 @@ class Pipeline:
         self._host_inputs = host_arrays(vars(self.own.inputs).values())
         self._host_views: list[npt.NDArray[Any]] = [array.numpy() for array in self._host_inputs]
         self._taken: wp.Event | None = None
-        # As it is at any time.
-        self._n_required = to_numpy(self.own.columns.views)["n_required"] if device.is_cpu else None
+        views = self.own.columns.views
+        self._n_required = to_numpy(views)["n_required"] if device.is_cpu else None  # as it is at any time
         image = (scene.n_band, camera.n_row, camera.n_col)
         self._counts = (
             wp.empty((n_view, *image), dtype=wp.uint16, device=device) if to_host and device.is_cuda else None
