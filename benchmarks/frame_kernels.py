@@ -21,8 +21,8 @@ import warp as wp
 import warpsim as ws
 from warpsim.launches import THREADS_PER_BLOCK_CUDA, Stage
 from warpsim.render import stages
-from warpsim.render.batch import new_columns, new_inputs
-from warpsim.render.buffers import new_area_series, new_exposure, new_row_views, new_signal, new_sources, new_spots
+from warpsim.render.batch import new_inputs
+from warpsim.render.buffers import new_signal, new_spots, new_view_arrays
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.device_upload import make_device_scene
 from warpsim.render.stars import load_catalog, star_index
@@ -90,21 +90,19 @@ def _launched(scene: ws.Scene) -> Iterator[tuple[str, wp.Kernel, int]]:
 
 def cuda_stages(scene: DeviceScene) -> list[Stage]:
     """The stages of a pass as CUDA would have them, of a scene on the CPU; they cannot be run."""
-    inputs, columns = new_inputs(scene.device, *np.zeros((3, N_VIEW))), new_columns(scene, N_VIEW)
-    sources, series = new_sources(scene, N_VIEW, N_SLOT), new_area_series(scene, N_VIEW)
-    camera, streaks = scene.instrument.sensor.camera, scene.streaks
+    own = new_view_arrays(scene, new_inputs(scene.device, *np.zeros((3, N_VIEW))), N_SLOT)
+    camera, sources = scene.instrument.sensor.camera, own.sources
     shape = (N_VIEW, scene.n_band, camera.n_row, camera.n_col)
     signal, counts = new_signal(shape, scene.device), wp.empty(shape, dtype=wp.uint16, device=scene.device)
-    exposure = new_exposure(scene.device, streaks.offset_s, N_VIEW) if streaks.enabled else None
     cuda: Any = dataclasses.replace(scene, device=STAND_IN)
-    spots, rows = new_spots(scene, N_VIEW, N_SLOT), new_row_views(scene, sources) if streaks.rolls else None
+    spots = new_spots(scene, N_VIEW, N_SLOT)
     with mock.patch.object(wp, "launch"), mock.patch.object(wp, "launch_tiled"):
-        both = stages.find_spots(cuda, sources, spots), stages.deposit_read_out(cuda, inputs, sources, spots, counts)
+        at_once = stages.deposit_read_out(cuda, own.inputs, sources, spots, counts)
         return [
-            *stages.view_stages(cuda, inputs, columns, sources, series, exposure, rows),
-            stages.deposit(cuda, sources, columns.brightness, signal),
-            stages.read_out(cuda, inputs, signal, counts, 0),
-            *(both if stages.is_read_out_at_once(cuda) else []),
+            *stages.view_stages(cuda, own),
+            stages.deposit(cuda, sources, own.columns.brightness, signal),
+            stages.read_out(cuda, own.inputs, signal, counts, 0),
+            *([stages.find_spots(cuda, sources, spots), at_once] if stages.is_read_out_at_once(cuda) else []),
         ]
 
 

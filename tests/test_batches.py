@@ -173,7 +173,7 @@ def test_label_and_light_are_one(small, device):
     batch, group = new_batch(world, FRAMES, SENSORS, Pool(world.device)), pipelines.Pipelines([world], 1, False)
     group.render(batch, None)
     (pipeline,) = group._pipelines
-    reported, sources, n_target = contents(batch.columns), pipeline.sources, world.n_target
+    reported, sources, n_target = contents(batch.columns), pipeline.own.sources, world.n_target
     n_source = sources.n_source.numpy()[:N_VIEW]
     np.testing.assert_array_equal(n_source, reported["n_required"])
     assert (n_target < n_source).any() and (n_source <= pipeline.n_slot).all()
@@ -186,7 +186,7 @@ def test_label_and_light_are_one(small, device):
     assert reported["irradiance_w_cm2"].max() > 0
     for name, values in drawn.items():
         assert reported[name].dtype == values.dtype and reported[name].tobytes() == values.tobytes(), name
-    own = contents(pipeline.columns)
+    own = contents(pipeline.own.columns)
     assert_same({name: values[:N_VIEW] for name, values in own.items()}, reported)
 
 

@@ -261,8 +261,7 @@ def test_stages_are_those_of_a_pipeline(scene, changes):
     """In order, with the kernels that the pipeline would launch, but in blocks of CUDA's size, and what CUDA adds."""
     on_cpu = device_scene(scene.replace(**changes), [BAND])
     pipeline, on_cuda = Pipeline(on_cpu, 2, 128), cuda_stages(on_cpu)
-    bound = pipeline._inputs, pipeline.columns, pipeline.sources, pipeline._stand_in
-    ((_, _, (deposit,), (read_out,)),) = ImageStages(on_cpu, *bound)._parts
+    ((_, _, (deposit,), (read_out,)),) = ImageStages(on_cpu, pipeline.own, pipeline._stand_in)._parts
     theirs = [*pipeline._view_stages, deposit, read_out]
     added = [] if changes else ["find_spots", "deposit_read_out"]
     assert [stage.name for stage in on_cuda] == [stage.name for stage in theirs] + added

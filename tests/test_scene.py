@@ -7,8 +7,8 @@ from pathlib import Path
 import astropy.units as u
 import numpy as np
 import pytest
-from element_sets import iss
 from astropy.time import Time
+from element_sets import iss
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -286,8 +286,7 @@ def test_moved_names_are_said(scene):
         _ = scene.has_access
 
 
-TLE = "
-".join([*iss("25152.00000000"), ""])
+TLE = "\n".join([*iss("25152.00000000"), ""])
 SCAN = "time_s,ra_deg,dec_deg\n0,0,0\n2000,10,0\n"
 ATTITUDE = "time_s,qx,qy,qz,qw\n0,0,0,0,1\n2000,0,0,0.6,0.8\n"
 STATES = "name,time_s,x_km,y_km,z_km\na,-60,7000,0,0\na,2000,7000,1,0\nb,-60,7000,2,0\nb,2000,7000,3,0\n"

@@ -57,9 +57,9 @@ from warpsim.render.likelihood import log_likelihood as log_likelihood
 from warpsim.render.likelihood import LogLikelihood as LogLikelihood
 from warpsim.render.fisher import fisher as fisher
 from warpsim.render.fisher import Fisher as Fisher
-from warpsim.render.deposit_gradient import deposit_gradient as deposit_gradient
-from warpsim.render.deposit_gradient import deposit_jacobian as deposit_jacobian
-from warpsim.render.deposit_gradient import DepositGradient as DepositGradient
+from warpsim.render.deposit import deposit_gradient as deposit_gradient
+from warpsim.render.deposit import deposit_jacobian as deposit_jacobian
+from warpsim.render.deposit import DepositGradient as DepositGradient
 from warpsim.render.point_images import JacobianStamps as JacobianStamps
 
 # orbits

@@ -12,7 +12,7 @@ import warp as wp
 from warpsim.arguments import optional_module
 from warpsim.launches import to_numpy
 from warpsim.optics.psf import Psf
-from warpsim.render.deposit_gradient import PointDrawing, checked_lists, point_drawing
+from warpsim.render.deposit import PointDrawing, checked_lists, point_drawing
 from warpsim.render.point_images import PointImages
 
 if TYPE_CHECKING:

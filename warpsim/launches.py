@@ -1,4 +1,4 @@
-"""Kernel launches over views, and copies of arrays to the host, on streams that are named."""
+"""Kernel launches over views, structs of their arguments, and copies to the host, on streams that are named."""
 
 from __future__ import annotations
 
@@ -79,6 +79,18 @@ class Stage:
         """Make all launches for the first n_view views, all when left out."""
         for launch in self.launches:
             launch.run(self.n_view if n_view is None else n_view, self.n_view, stream)
+
+
+def struct_of(kind: Any, device: Any = None, /, **fields: Any) -> Any:
+    """Return a kernels' struct with some of its fields set; values of fields that are arrays are put on a device."""
+    struct = kind()
+    for name, value in fields.items():
+        wanted = kind.vars[name].type
+        if hasattr(wanted, "ndim") and not isinstance(value, wp.array):
+            value = np.ascontiguousarray(value) if isinstance(value, np.ndarray) else value
+            value = wp.array(value, dtype=wanted.dtype, device=device)
+        setattr(struct, name, value)
+    return struct
 
 
 PINNED_FROM_BYTES = 2**22

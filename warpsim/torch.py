@@ -11,7 +11,7 @@ import warp as wp
 from warpsim.arguments import optional_module
 from warpsim.errors import InputError
 from warpsim.optics.psf import Psf
-from warpsim.render.deposit_gradient import PointDrawing, checked_lists, point_drawing
+from warpsim.render.deposit import PointDrawing, checked_lists, point_drawing
 
 if TYPE_CHECKING:
     from torch import Tensor

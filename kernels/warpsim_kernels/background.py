@@ -1,7 +1,7 @@
 """What lies behind sources: smooth light on a coarse grid of nodes per view, and bilinear between them.
 
 Nodes hold what is smooth over the field: the light of the sky per pixel, how high above the ground a line of sight
-passes, and how high the Sun stands there. The limb is sharp, so its radiance is looked up per pixel by that height.
+passes, and how high the Sun stands there.
 """
 
 import functools
@@ -9,19 +9,32 @@ import functools
 import warp as wp
 
 from warpsim_kernels.canvas import STRIP_SHIFT, flags_of_image
+from warpsim_kernels.earth_shine import (
+    EarthShine,
+    SunPath,
+    disc_part,
+    earth_geometry,
+    earth_radiance,
+    sun_direction,
+    sun_strength,
+    turned_back,
+)
 from warpsim_kernels.records import View
 from warpsim_kernels.shared_memory import thread_of_block
+from warpsim_kernels.stray_light import (
+    StrayLight,
+    angle_between,
+    earth_cap,
+    is_seen,
+    moon_position,
+    stray_of_earth,
+    stray_ratio,
+)
 
 RUN = 32
 """Pixels of a row that are added to at once."""
 
-HIGHEST_KM = wp.constant(400.0)
-"""Lines of sight that pass higher, or away from the Earth, have this height."""
-
 ASTRONOMICAL_UNIT_M = wp.constant(wp.float64(149597870700.0))
-
-NARROW_KM = wp.constant(0.5)
-"""Heights within which the limb is nearly straight."""
 
 SPEED_OF_LIGHT_M_S = wp.constant(wp.float64(299792458.0))
 
@@ -39,56 +52,6 @@ class SkyPlates:
 
 
 @wp.struct
-class SunPath:
-    """Direction of the Sun from the Earth against time, and the plate's: in the middle of the scene."""
-
-    start_s: wp.float64
-    step_s: wp.float64
-    direction: wp.array[wp.vec3d]  # (n_time,) ICRS
-    strength: wp.array[float]  # (n_time,) sunlight over that at 1 au
-    middle: wp.vec3d
-    ecliptic_pole: wp.vec3d
-
-
-@wp.struct
-class EarthShine:
-    """The Earth's limb and disc; profiles begin at the ground, in steps."""
-
-    pole: wp.vec3d
-    stretch: wp.float64  # equatorial over polar radius: along the pole, it makes the ellipsoid a sphere
-    radius_km: wp.float64
-    step_km: float
-    n_height: int
-    disc_w_cm2_sr: wp.array2d[float]  # (n_band, 2) emitted, and reflected under the Sun at the zenith
-    limb_w_cm2_sr: wp.array3d[float]  # (n_band, 2, n_height)
-    above_km_w_cm2_sr: wp.array3d[float]  # (n_band, 2, n_height) the integral from a height up
-
-
-@wp.struct
-class StrayLight:
-    """Light from outside the field, scattered over all of the image: radiance per irradiance by angle [1/sr]."""
-
-    angle_rad: wp.array[float]  # (n_edge,) off the boresight, from 0 to pi: ends of pieces
-    log_ratio: wp.array[float]  # (n_edge,) natural logarithm, a line along a piece
-    moon_m: wp.array[wp.vec3d]  # (n_time,) geocentric, at the times of the Sun's path
-    moon_radius_m: wp.float64
-    sun_w_cm2: wp.array[float]  # (n_band,) irradiance at 1 au
-    moon_w_cm2: wp.array2d[float]  # (n_band, n_phase) irradiance at one radius, if it went on as at a distance
-    earth: wp.bool  # whether the Earth's disc is a source
-    across: wp.array[wp.vec2]  # (n_node,) Gauss nodes across a piece, from 0 to 1, and weights that add up to 1
-    along: wp.array[wp.vec2]  # (n_node,) nodes along an arc about the boresight, from -1 to 1, and such weights
-
-
-@wp.struct
-class EarthCap:
-    """The Earth as a sphere that has the ellipsoid's limb on the boresight's side: a cap about the nadir."""
-
-    radius: float  # angular
-    offset: float  # of the nadir off the boresight
-    sun: wp.vec3  # direction of the Sun: across the boresight towards the nadir, square to that, along the boresight
-
-
-@wp.struct
 class Background:
     """What the stage reads of the scene."""
 
@@ -101,41 +64,6 @@ class Background:
     sun: SunPath
     earth: EarthShine
     stray: StrayLight
-
-
-@wp.func
-def sun_index(sun: SunPath, time_s: wp.float64) -> wp.float64:
-    """Index of a time among the nodes of the Sun's path, with its fraction."""
-    return wp.clamp((time_s - sun.start_s) / sun.step_s, wp.float64(0.0), wp.float64(sun.direction.shape[0] - 1))
-
-
-@wp.func
-def sun_direction(sun: SunPath, time_s: wp.float64) -> wp.vec3d:
-    """Direction of the Sun at a time."""
-    index = sun_index(sun, time_s)
-    node = wp.min(int(index), sun.direction.shape[0] - 2)
-    part = index - wp.float64(node)
-    return wp.normalize(sun.direction[node] * (wp.float64(1.0) - part) + sun.direction[node + 1] * part)
-
-
-@wp.func
-def sun_strength(sun: SunPath, time_s: wp.float64) -> float:
-    """Sunlight at the Earth over that at 1 au."""
-    index = sun_index(sun, time_s)
-    node = wp.min(int(index), sun.strength.shape[0] - 2)
-    return wp.lerp(sun.strength[node], sun.strength[node + 1], float(index - wp.float64(node)))
-
-
-@wp.func
-def turned_back(sun: SunPath, now: wp.vec3d, direction: wp.vec3d) -> wp.vec3d:
-    """A direction as it was, relative to the Sun, in the middle of the scene: turned about the ecliptic's pole."""
-    pole = sun.ecliptic_pole
-    sine = wp.dot(pole, wp.cross(now, sun.middle))
-    across = wp.dot(now, sun.middle) - wp.dot(now, pole) * wp.dot(sun.middle, pole)
-    size = wp.sqrt(sine * sine + across * across)
-    cosine, turn = across / size, sine / size
-    along = pole * wp.dot(pole, direction)
-    return along + (direction - along) * cosine + wp.cross(pole, direction) * turn
 
 
 @wp.func
@@ -167,225 +95,6 @@ def sky_radiance(plates: SkyPlates, band: int, direction: wp.vec3d, sunward: wp.
             if edge > wp.float64(0.0) and wp.abs(seen[0]) <= edge and wp.abs(seen[1]) <= edge:
                 total += plate_radiance(plates, plate, band, seen)
                 done = plates.layer[plate]
-    return total
-
-
-@wp.func
-def as_sphere(earth: EarthShine, vector: wp.vec3d) -> wp.vec3d:
-    """A vector stretched along the pole, so that the WGS84 ellipsoid is a sphere."""
-    return vector + earth.pole * (wp.dot(earth.pole, vector) * (earth.stretch - wp.float64(1.0)))
-
-
-@wp.func
-def earth_geometry(earth: EarthShine, position_m: wp.vec3d, direction: wp.vec3d, sun: wp.vec3d) -> wp.vec2d:
-    """How high a line of sight passes, below 0 on the disc [km], and the cosine of the Sun's zenith angle there."""
-    start = as_sphere(earth, position_m * wp.float64(1.0e-3))
-    line = wp.normalize(as_sphere(earth, direction))
-    along = -wp.dot(start, line)
-    nearest = start + line * along
-    height = wp.length(nearest) - earth.radius_km
-    if along <= wp.float64(0.0):
-        return wp.vec2d(wp.float64(HIGHEST_KM), wp.float64(0.0))
-    point = nearest
-    if height < wp.float64(0.0):
-        point = nearest - line * wp.sqrt(-height * (wp.length(nearest) + earth.radius_km))
-    stretched = wp.max(wp.length(as_sphere(earth, wp.normalize(nearest))), wp.float64(1.0))  # of heights there
-    return wp.vec2d(wp.min(height / stretched, wp.float64(HIGHEST_KM)), wp.dot(wp.normalize(point), sun))
-
-
-@wp.func
-def column_above(earth: EarthShine, band: int, term: int, height_km: float) -> float:
-    """Integral of the limb's radiance over height from a height up, below 0 as at 0 [km W/cm2/sr].
-
-    From above, so that the thin air's light is not the difference of large numbers.
-    """
-    if height_km <= 0.0:
-        return earth.above_km_w_cm2_sr[band, term, 0] - earth.limb_w_cm2_sr[band, term, 0] * height_km
-    steps = height_km / earth.step_km
-    node = int(steps)
-    if node >= earth.n_height - 1:
-        return 0.0
-    part = steps - float(node)
-    low, high = earth.limb_w_cm2_sr[band, term, node], earth.limb_w_cm2_sr[band, term, node + 1]
-    rest = 0.5 * (1.0 - part) * (wp.lerp(low, high, part) + high)
-    return earth.above_km_w_cm2_sr[band, term, node + 1] + earth.step_km * rest
-
-
-@wp.func
-def disc_part(height_km: float, span_km: wp.vec2) -> float:
-    """Part of a pixel whose lines of sight meet the ground; its heights span the sum of two even spreads."""
-    wide, narrow = wp.max(wp.max(span_km[0], span_km[1]), 0.02), wp.min(span_km[0], span_km[1])
-    rest = 0.5 * (wide + narrow) - wp.abs(height_km)
-    part = float(0.0)
-    if rest >= narrow:
-        part = (rest - 0.5 * narrow) / wide
-    elif rest > 0.0:
-        part = 0.5 * rest * rest / (wide * narrow)
-    if height_km < 0.0:
-        return 1.0 - part
-    return part
-
-
-@wp.func
-def mean_air(earth: EarthShine, band: int, height_km: float, width_km: float, sun_cosine: float) -> float:
-    """Mean radiance of the limb over some heights, as at the ground below it [W/cm2/sr]."""
-    low, high = height_km - 0.5 * width_km, height_km + 0.5 * width_km
-    lit = wp.max(sun_cosine, 0.0)
-    if high <= 0.0:
-        return earth.limb_w_cm2_sr[band, 0, 0] + lit * earth.limb_w_cm2_sr[band, 1, 0]
-    emitted = column_above(earth, band, 0, low) - column_above(earth, band, 0, high)
-    reflected = column_above(earth, band, 1, low) - column_above(earth, band, 1, high)
-    return (emitted + reflected * lit) / width_km
-
-
-@wp.func
-def earth_radiance(earth: EarthShine, band: int, height_km: float, span_km: wp.vec2, sun_cosine: float) -> float:
-    """Mean radiance of the limb and the disc over a pixel [W/cm2/sr]; its heights span the sum of two even spreads.
-
-    The narrower spread of the limb, which is smooth, is two Gauss nodes, or is added to the wider one's variance.
-    """
-    wide, narrow = wp.max(wp.max(span_km[0], span_km[1]), 0.02), wp.min(span_km[0], span_km[1])
-    air = float(0.0)
-    if narrow < NARROW_KM:
-        air = mean_air(earth, band, height_km, wp.sqrt(wide * wide + narrow * narrow), sun_cosine)
-    else:
-        off = 0.2886751 * narrow
-        upper = mean_air(earth, band, height_km + off, wide, sun_cosine)
-        air = 0.5 * (upper + mean_air(earth, band, height_km - off, wide, sun_cosine))
-    lit = wp.max(sun_cosine, 0.0)
-    disc = earth.disc_w_cm2_sr[band, 0] + lit * earth.disc_w_cm2_sr[band, 1]
-    ground = earth.limb_w_cm2_sr[band, 0, 0] + lit * earth.limb_w_cm2_sr[band, 1, 0]
-    return air + disc_part(height_km, span_km) * (disc - ground)
-
-
-@wp.func
-def ratio_in_piece(stray: StrayLight, piece: int, angle: float) -> float:
-    """Radiance per irradiance at an angle within a piece of the table [1/sr]."""
-    start, end = stray.angle_rad[piece], stray.angle_rad[piece + 1]
-    return wp.exp(wp.lerp(stray.log_ratio[piece], stray.log_ratio[piece + 1], (angle - start) / (end - start)))
-
-
-@wp.func
-def angle_between(a: wp.vec3d, b: wp.vec3d) -> float:
-    """Angle between two vectors, from 0 to pi."""
-    return float(wp.atan2(wp.length(wp.cross(a, b)), wp.dot(a, b)))
-
-
-@wp.func
-def moon_position(stray: StrayLight, sun: SunPath, time_s: wp.float64) -> wp.vec3d:
-    """Geocentric position of the Moon at a time [m]."""
-    index = sun_index(sun, time_s)
-    node = wp.min(int(index), stray.moon_m.shape[0] - 2)
-    part = index - wp.float64(node)
-    return stray.moon_m[node] * (wp.float64(1.0) - part) + stray.moon_m[node + 1] * part
-
-
-@wp.func
-def stray_ratio(stray: StrayLight, boresight: wp.vec3d, direction: wp.vec3d) -> float:
-    """Radiance of the image per irradiance by a source in a direction [1/sr], log-linear in the angle."""
-    angle = angle_between(boresight, direction)
-    piece = int(0)
-    while piece < stray.angle_rad.shape[0] - 2 and angle > stray.angle_rad[piece + 1]:
-        piece += 1
-    return ratio_in_piece(stray, piece, angle)
-
-
-@wp.func
-def is_seen(earth: EarthShine, position_m: wp.vec3d, direction: wp.vec3d) -> bool:
-    """Whether the Earth hides nothing in a direction."""
-    return earth_geometry(earth, position_m, direction, direction)[0] >= wp.float64(0.0)
-
-
-@wp.func
-def earth_cap(earth: EarthShine, position_m: wp.vec3d, boresight: wp.vec3d, sun: wp.vec3d) -> EarthCap:
-    """The Earth's disc about the boresight; its radius is that of the ellipsoid in the plane of boresight and nadir."""
-    nadir = -wp.normalize(position_m)
-    side = wp.cross(wp.cross(nadir, boresight), nadir)
-    if wp.length(side) < wp.float64(1.0e-6):
-        side = wp.vec3d(nadir[1], -nadir[0], wp.float64(0.0))
-        if wp.abs(nadir[2]) > wp.float64(0.9):
-            side = wp.vec3d(nadir[2], wp.float64(0.0), -nadir[0])
-    side = wp.normalize(side)
-    # Lines towards nadir + t side touch the ellipsoid where a t^2 + 2 b t + c = 0.
-    start, down, out = (
-        as_sphere(earth, position_m * wp.float64(1.0e-3)),
-        as_sphere(earth, nadir),
-        as_sphere(earth, side),
-    )
-    outside = wp.length_sq(start) - earth.radius_km * earth.radius_km
-    a = wp.dot(start, out) * wp.dot(start, out) - outside * wp.length_sq(out)
-    b = wp.dot(start, down) * wp.dot(start, out) - outside * wp.dot(down, out)
-    c = wp.dot(start, down) * wp.dot(start, down) - outside * wp.length_sq(down)
-    cosine, sine = wp.dot(boresight, nadir), wp.dot(boresight, side)
-    towards = nadir * sine - side * cosine
-    cap = EarthCap()
-    cap.radius = float(wp.atan2(c, wp.sqrt(wp.max(b * b - a * c, wp.float64(0.0))) - b))
-    cap.offset = float(wp.atan2(sine, cosine))
-    across = wp.dot(wp.cross(boresight, towards), sun)
-    cap.sun = wp.vec3(float(wp.dot(towards, sun)), float(across), float(wp.dot(boresight, sun)))
-    return cap
-
-
-@wp.func
-def half_arc(cap: EarthCap, angle: float) -> float:
-    """Half of the arc of a circle about the boresight that lies on the Earth's disc, from 0 to pi."""
-    on = wp.sin(0.5 * (cap.offset + cap.radius - angle)) * wp.sin(0.5 * (angle + cap.radius - cap.offset))
-    off = wp.sin(0.5 * (angle + cap.offset + cap.radius)) * wp.sin(0.5 * (angle + cap.offset - cap.radius))
-    return 2.0 * wp.atan2(wp.sqrt(wp.max(on, 0.0)), wp.sqrt(wp.max(off, 0.0)))
-
-
-@wp.func
-def mean_sun_cosine(stray: StrayLight, cap: EarthCap, angle: float, arc: float) -> float:
-    """Mean cosine of the Sun's zenith angle, 0 by night, along an arc about the boresight."""
-    sine, cosine, far = wp.sin(angle), wp.cos(angle), 1.0 / wp.sin(cap.radius)
-    down, out = cosine * wp.cos(cap.offset), sine * wp.sin(cap.offset)
-    below = far * (wp.sin(cap.offset) * cap.sun[0] + wp.cos(cap.offset) * cap.sun[2])
-    total = float(0.0)
-    for i in range(stray.along.shape[0]):
-        turn = arc * stray.along[i][0]
-        nadir = down + out * wp.cos(turn)
-        slant = far * nadir - wp.sqrt(wp.max(1.0 - far * far * (1.0 - nadir * nadir), 0.0))
-        sunward = sine * (wp.cos(turn) * cap.sun[0] + wp.sin(turn) * cap.sun[1]) + cosine * cap.sun[2]
-        total += stray.along[i][1] * wp.max(slant * sunward - below, 0.0)
-    return total
-
-
-@wp.func
-def stray_in_piece(stray: StrayLight, cap: EarthCap, piece: int, low: float, high: float) -> wp.vec2:
-    """Integral over the disc, of angles in a piece and between bounds, of the ratio and of the ratio times cosine.
-
-    Angles go as the cosine of u between the bounds: the arc, which grows as a root from bounds, is smooth in u.
-    """
-    total = wp.vec2(0.0, 0.0)
-    start, end = wp.max(low, stray.angle_rad[piece]), wp.min(high, stray.angle_rad[piece + 1])
-    if end <= start:
-        return total
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    first = wp.acos(wp.clamp((middle - start) / half, -1.0, 1.0))
-    last = wp.acos(wp.clamp((middle - end) / half, -1.0, 1.0))
-    for i in range(stray.across.shape[0]):
-        u = wp.lerp(first, last, stray.across[i][0])
-        angle = middle - half * wp.cos(u)
-        arc = half_arc(cap, angle)
-        area = 2.0 * arc * wp.sin(angle) * half * wp.sin(u) * (last - first) * stray.across[i][1]
-        weight = area * ratio_in_piece(stray, piece, angle)
-        total += weight * wp.vec2(1.0, mean_sun_cosine(stray, cap, angle, arc))
-    return total
-
-
-@wp.func
-def stray_of_earth(stray: StrayLight, cap: EarthCap) -> wp.vec2:
-    """Integral over the Earth's disc of the ratio, and of the ratio times the cosine of the Sun's zenith angle."""
-    pi = float(wp.PI)
-    near, far = wp.abs(cap.radius - cap.offset), cap.radius + cap.offset
-    far = wp.min(far, 2.0 * pi - far)
-    total = wp.vec2(0.0, 0.0)
-    for piece in range(stray.angle_rad.shape[0] - 1):
-        total += stray_in_piece(stray, cap, piece, near, far)  # arcs
-        if cap.offset < cap.radius:
-            total += stray_in_piece(stray, cap, piece, 0.0, near)  # circles about the boresight
-        if cap.offset + cap.radius > pi:
-            total += stray_in_piece(stray, cap, piece, far, pi)  # about what is opposite to it
     return total
 
 

@@ -41,9 +41,10 @@ from warpsim.labels.table import label_table, write_parquet
 from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.output.output_folder import PARTS, CheckpointRecord, OutputFolder, current_record, difference
 from warpsim.output.summary import joined_tables, left_out_rows
+from warpsim.render.descriptions import STATE_NAMES, STATE_UNITS
 from warpsim.render.frameset import FrameSet
+from warpsim.render.line_of_sight import sensor_states
 from warpsim.render.renderer import Renderer
-from warpsim.render.states import STATE_NAMES, STATE_UNITS, sensor_states
 from warpsim.scene.provenance import provenance
 
 if TYPE_CHECKING:

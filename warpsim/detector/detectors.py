@@ -33,15 +33,12 @@ Stages = Annotated[Integer, closed_interval(0, 100_000)]
 """Of time delay and integration; 0: none."""
 
 
-def _check_maps(detector: Any, instead_of: tuple[str, ...]) -> None:
-    """Raise where a detector has maps and random patterns."""
-    for name in instead_of:
+def _check_alike(detector: Any, dsnu: str) -> None:
+    """Raise where maps, artifacts or rows that are exposed one after the other do not fit the rest of a detector."""
+    for name in ("prnu", dsnu, "dead_fraction", "hot_fraction"):
         if detector.maps_file is not None and getattr(detector, name) > 0.0:
             raise InputError("must be left out with maps_file, which has it for every pixel", name)
-
-
-def _check_rows(detector: Any) -> None:
-    """Raise where rows that are exposed one after the other do not fit the exposure."""
+    check_artifacts(detector)
     line_s, stages, exposure_s = abs(detector.line_time_s), detector.tdi_stages, detector.exposure_s
     if line_s > 0.0 and not detector.streaks:
         raise InputError("must be true with line_time_s, which moves light over the image", "streaks", False)
@@ -109,9 +106,7 @@ class NeiDetector:
 
     @model_validator(mode="after")
     def _ordered(self) -> NeiDetector:
-        _check_maps(self, ("prnu", "dsnu_nei", "dead_fraction", "hot_fraction"))
-        check_artifacts(self)
-        _check_rows(self)
+        _check_alike(self, "dsnu_nei")
         for band in named_bands(self.nei_w_cm2, self.sei_w_cm2) or [""]:
             nei, sei = in_band(self.nei_w_cm2, band), in_band(self.sei_w_cm2, band)
             if nei is not None and sei is not None and sei <= nei:
@@ -209,9 +204,7 @@ class ElectronDetector:
 
     @model_validator(mode="after")
     def _complete(self) -> ElectronDetector:
-        _check_maps(self, ("prnu", "dsnu", "dead_fraction", "hot_fraction"))
-        check_artifacts(self)
-        _check_rows(self)
+        _check_alike(self, "dsnu")
         if (self.optics_temperature_k is None) != (self.optics_emissivity == 0.0):
             raise InputError("must be given together", "optics_temperature_k, optics_emissivity")
         if self.offset_counts >= 2**self.bits:

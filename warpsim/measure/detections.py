@@ -14,10 +14,10 @@ from warpsim.errors import InputError
 from warpsim.instant import utc_dates
 from warpsim.measure.detection_rows import ROW, Draws, Rows, Search, draw_detections, find_detections
 from warpsim.measure.finding import FINDERS
+from warpsim.render.descriptions import STATE_NAMES, STATE_UNITS
 from warpsim.render.frameset import FrameSet
 from warpsim.render.line_of_sight import ViewGeometry
 from warpsim.render.renderer import Renderer
-from warpsim.render.states import STATE_NAMES, STATE_UNITS
 from warpsim.scene.provenance import provenance
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene

@@ -15,7 +15,7 @@ from warpsim.errors import InputError
 from warpsim.measure.pixel_psf import PixelPsf
 from warpsim.measure.point_fit import LEAST_APART_PX, N_ROUGH_STEP, PointFit, PointFitter
 from warpsim.render.frameset import FrameSet
-from warpsim.render.irradiance import irradiance_image
+from warpsim.render.likelihood import irradiance_image
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

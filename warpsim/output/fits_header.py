@@ -17,7 +17,7 @@ from warpsim.detector.levels import ElectronLevels, Levels
 from warpsim.instant import utc_dates, utc_mjd
 from warpsim.optics.wcs import lens_keywords, tan_keywords
 from warpsim.render.frameset import FrameSet
-from warpsim.render.states import sensor_states
+from warpsim.render.line_of_sight import sensor_states
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.provenance import PROVENANCE, provenance

@@ -18,7 +18,7 @@ from warpsim.errors import InputError
 from warpsim.files import naming, plain_number, whole_file, whole_file_by_memory
 from warpsim.output.fits_header import Card, Views, image_cards
 from warpsim.render.frameset import FrameSet
-from warpsim.render.irradiance import irradiance_image
+from warpsim.render.likelihood import irradiance_image
 
 if TYPE_CHECKING:
     from astropy.nddata import CCDData

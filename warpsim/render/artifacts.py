@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,9 +12,10 @@ from warpsim.detector.detectors import ElectronDetector
 from warpsim.launches import to_numpy
 from warpsim.render.batch import new_inputs
 from warpsim.render.buffers import new_signal
+from warpsim.render.descriptions import with_units
 from warpsim.render.device_artifacts import FLICKER, HIT, DeviceArtifacts
+from warpsim.render.request import Request
 from warpsim.render.stages import artifacts
-from warpsim.scene.instrument import Instrument
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -39,13 +40,7 @@ def artifact_images(own: DeviceArtifacts, frame: int, sensor: int) -> dict[int, 
     return images
 
 
-def artifact_table(
-    own: DeviceArtifacts | None,
-    instrument: Instrument,
-    frames: Sequence[int],
-    sensors: Sequence[str],
-    bands: Sequence[str],
-) -> Table:
+def artifact_table(own: DeviceArtifacts | None, asked: Request) -> Table:
     """Return one row per pixel of an image that a radiation hit or a flickering pixel changes.
 
     Columns: frame, sensor, band, kind ("hit" or "flicker"), x_px and y_px (column and row), irradiance_w_cm2, that
@@ -54,9 +49,9 @@ def artifact_table(
     from astropy.table import Table
 
     found: list[tuple[Any, ...]] = []
-    for number in frames if own is not None else ():
-        for sensor in sensors:
-            assert own is not None
+    instrument, bands = asked.instrument, asked.bands
+    for number, sensor in itertools.product(asked.frames, asked.sensors):
+        if own is not None:
             for kind, levels in artifact_images(own, number, instrument.index(sensor)).items():
                 band, row, col = np.nonzero(levels)
                 count = len(band)
@@ -70,5 +65,4 @@ def artifact_table(
         e_per_w_cm2 = {band: getattr(instrument.levels[band], "e_per_w_cm2") for band in bands}  # noqa: B009
         scale = np.array([e_per_w_cm2[band] for band in columns["band"]])
         columns["charge_e"] = columns["irradiance_w_cm2"] * scale
-    units = {"x_px": "pix", "y_px": "pix", "irradiance_w_cm2": "W / cm2", "charge_e": "electron"}
-    return Table(columns, units={name: units[name] for name in columns if name in units})
+    return with_units(Table(columns))

@@ -12,17 +12,16 @@ import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.background import Background as BackgroundStruct
 from warpsim_kernels.background import (
-    EarthShine,
     SkyPlates,
-    StrayLight,
-    SunPath,
     make_add_background_kernel,
     make_background_nodes_kernel,
     make_background_of_targets_kernel,
     stray_light_kernel,
 )
 from warpsim_kernels.canvas import N_PAIR
+from warpsim_kernels.earth_shine import EarthShine, SunPath
 from warpsim_kernels.records import View
+from warpsim_kernels.stray_light import StrayLight
 
 from warpsim.background.earth_limb import limb_profile
 from warpsim.background.moon import MOON_RADIUS_M, moon_brightness_w_cm2, moon_position_m
@@ -30,7 +29,8 @@ from warpsim.background.sky_plates import SkyPlate, sky_cube
 from warpsim.background.user_maps import read_pixel_image, sky_map_plates
 from warpsim.background.zodiacal import ECLIPTIC_AXES, zodiacal_map
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
-from warpsim.launches import to_numpy
+from warpsim.directions import normalised
+from warpsim.launches import struct_of, to_numpy
 from warpsim.optics.camera import Camera
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
@@ -58,7 +58,6 @@ class DeviceBackground:
     n_node: int
     earth: bool
     stray: bool
-    stray_kernel: wp.Kernel
     nodes_kernel: wp.Kernel
     add_kernel: wp.Kernel
     n_thread: int
@@ -81,17 +80,21 @@ def make_background(
         return None
     some = [instrument.bands[name] for name in bands]
     plates = sky_plates(scenario, some)
-    camera, tracks = instrument.sensor.camera, scenario.tracks
+    camera, tracks, stray = instrument.sensor.camera, scenario.tracks, wanted.stray_light
     step_px = node_step_px(camera, [plate for _, plate in plates], tracks if wanted.earth else None)
-    struct: Any = BackgroundStruct()
-    struct.step_px = step_px
-    struct.n_across, struct.n_down = (-(-n // step_px) + 1 for n in (camera.n_col, camera.n_row))
-    direction, pixel_sr = _node_geometry(camera, step_px, struct.n_across, struct.n_down)
-    struct.direction = wp.array(direction, dtype=wp.vec3d, device=device)
-    struct.pixel_sr = wp.array(pixel_sr, dtype=wp.float32, device=device)
-    struct.plates = _plates_struct(plates, len(some), device)
-    struct.sun = _sun_struct(tracks, scenario.scene.duration_s, device)
-    stray = wanted.stray_light
+    n_across, n_down = (-(-n // step_px) + 1 for n in (camera.n_col, camera.n_row))
+    direction, pixel_sr = _node_geometry(camera, step_px, n_across, n_down)
+    struct = struct_of(
+        BackgroundStruct,
+        device,
+        step_px=step_px,
+        n_across=n_across,
+        n_down=n_down,
+        direction=direction,
+        pixel_sr=pixel_sr,
+        plates=_plates_struct(plates, len(some), device),
+        sun=_sun_struct(tracks, scenario.scene.duration_s, device),
+    )
     if wanted.earth or stray is not None:
         struct.earth = _earth_struct(tracks, some, scenario.scene.lighting, device)
     if stray is not None:
@@ -102,7 +105,6 @@ def make_background(
         len(direction),
         wanted.earth,
         stray is not None,
-        stray_light_kernel,
         make_background_nodes_kernel(wanted.earth, stray is not None),
         make_add_background_kernel(wanted.earth, n_thread),
         n_thread,
@@ -120,10 +122,12 @@ def stray_light_w_cm2_sr(
     light = wp.zeros((len(time_s), len(bands)), dtype=wp.float32, device=device)
     if stray is None:
         return to_numpy(light)
-    struct: Any = BackgroundStruct()
-    struct.sun = _sun_struct(tracks, scenario.scene.duration_s, device)
-    struct.earth = _earth_struct(tracks, bands, scenario.scene.lighting, device)
-    struct.stray = _stray_struct(stray, scenario, bands, device)
+    struct = struct_of(
+        BackgroundStruct,
+        sun=_sun_struct(tracks, scenario.scene.duration_s, device),
+        earth=_earth_struct(tracks, bands, scenario.scene.lighting, device),
+        stray=_stray_struct(stray, scenario, bands, device),
+    )
     views = np.zeros(len(time_s), dtype=View.numpy_dtype())
     views["axes"] = instrument.commanded_axes(instrument.index(sensor), time_s).axes
     views["position_m"] = instrument.state(sensor, time_s)[0]
@@ -173,34 +177,33 @@ def _node_geometry(camera: Camera, step_px: int, n_across: int, n_down: int) -> 
 
 
 def _plates_struct(plates: list[tuple[int, SkyPlate]], n_band: int, device: wp.Device) -> Any:
-    struct: Any = SkyPlates()
     sizes = [plate.radiance_w_cm2_sr.shape[-1] for _, plate in plates]
-    first = np.cumsum([0, *np.square(sizes)])[:-1]
-    struct.axes = wp.array(
-        np.array([plate.axes for _, plate in plates]).reshape(-1, 3, 3), dtype=wp.mat33d, device=device
-    )
-    half_width = [plate.half_width for _, plate in plates]
-    struct.half_width = wp.array(half_width, dtype=wp.float64, device=device)
-    for name, numbers in (("n_side", sizes), ("first", first), ("layer", [layer for layer, _ in plates])):
-        setattr(struct, name, wp.array(np.asarray(numbers, dtype=np.int32), dtype=wp.int32, device=device))
     flat = [plate.radiance_w_cm2_sr.reshape(n_band, -1) for _, plate in plates]
-    values = np.concatenate(flat, axis=1) if flat else np.zeros((n_band, 1))
-    struct.radiance_w_cm2_sr = wp.array(values.astype(np.float32), dtype=wp.float32, device=device)
-    return struct
+    return struct_of(
+        SkyPlates,
+        device,
+        axes=np.array([plate.axes for _, plate in plates]).reshape(-1, 3, 3),
+        half_width=[plate.half_width for _, plate in plates],
+        n_side=sizes,
+        first=np.cumsum([0, *np.square(sizes)])[:-1],
+        layer=[layer for layer, _ in plates],
+        radiance_w_cm2_sr=np.concatenate(flat, axis=1) if flat else np.zeros((n_band, 1)),
+    )
 
 
 def _sun_struct(tracks: Tracks, duration_s: float, device: wp.Device) -> Any:
-    def towards(position_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        return np.asarray(position_m / np.linalg.norm(position_m, axis=-1, keepdims=True))
-
-    sun: Any = SunPath()
-    sun.start_s, sun.step_s = tracks.sun.start_s, tracks.sun.step_s
-    sun.direction = wp.array(towards(tracks.sun.position_m), dtype=wp.vec3d, device=device)
-    strength = (ASTRONOMICAL_UNIT_M / np.linalg.norm(tracks.sun.position_m, axis=1)) ** 2
-    sun.strength = wp.array(strength.astype(np.float32), dtype=wp.float32, device=device)
-    sun.middle = wp.vec3d(*towards(tracks.sun.state(duration_s / 2)[0]))
-    sun.ecliptic_pole = wp.vec3d(*ECLIPTIC_AXES[2])
-    return sun
+    path = tracks.sun
+    strength = (ASTRONOMICAL_UNIT_M / np.linalg.norm(path.position_m, axis=1)) ** 2
+    return struct_of(
+        SunPath,
+        device,
+        start_s=path.start_s,
+        step_s=path.step_s,
+        direction=normalised(path.position_m),
+        strength=strength,
+        middle=normalised(path.state(duration_s / 2)[0]),
+        ecliptic_pole=ECLIPTIC_AXES[2],
+    )
 
 
 def _earth_struct(tracks: Tracks, bands: list[Band], lighting: Lighting, device: wp.Device) -> Any:
@@ -217,13 +220,18 @@ def _earth_struct(tracks: Tracks, bands: list[Band], lighting: Lighting, device:
         )
         for band in bands
     ]
-    earth: Any = EarthShine()
-    earth.pole, earth.stretch = wp.vec3d(*tracks.pole_icrs), 1 / (1 - EARTH_FLATTENING)
-    earth.radius_km, earth.step_km, earth.n_height = EARTH_EQUATORIAL_RADIUS_M / 1e3, step_km, len(height_km)
-    earth.disc_w_cm2_sr = wp.array(np.array(disc, dtype=np.float32), dtype=wp.float32, device=device)
-    earth.limb_w_cm2_sr = wp.array(limb.astype(np.float32), dtype=wp.float32, device=device)
-    earth.above_km_w_cm2_sr = wp.array(above.astype(np.float32), dtype=wp.float32, device=device)
-    return earth
+    return struct_of(
+        EarthShine,
+        device,
+        pole=tracks.pole_icrs,
+        stretch=1 / (1 - EARTH_FLATTENING),
+        radius_km=EARTH_EQUATORIAL_RADIUS_M / 1e3,
+        step_km=step_km,
+        n_height=len(height_km),
+        disc_w_cm2_sr=disc,
+        limb_w_cm2_sr=limb,
+        above_km_w_cm2_sr=above,
+    )
 
 
 _MOST_ANGLE_DEG, _MOST_LOG = 20.0, 3.0
@@ -256,17 +264,16 @@ def _stray_struct(stray: StrayLightModel, scenario: Scenario, bands: list[Band],
     phase_rad = np.linspace(0.0, math.pi, _N_PHASE)
     of_moon = stray.moon * moon_brightness_w_cm2(bands, sun_w_cm2, sun_au, phase_rad)
     across, along = (np.stack(np.polynomial.legendre.leggauss(n), axis=1) for n in (N_ACROSS, N_ALONG))
-    struct: Any = StrayLight()
-    struct.earth, struct.moon_radius_m = stray.earth, MOON_RADIUS_M
-    for name, values, dtype in (
-        ("angle_rad", angle_rad, wp.float32),
-        ("log_ratio", log_ratio, wp.float32),
-        ("moon_m", moon_m, wp.vec3d),
-        ("sun_w_cm2", stray.sun * sun_w_cm2, wp.float32),
-        ("moon_w_cm2", of_moon, wp.float32),
-        ("across", (0.5 * across + [0.5, 0.0]), wp.vec2),
-        ("along", along * [1.0, 0.5], wp.vec2),
-    ):
-        kind = np.float64 if dtype is wp.vec3d else np.float32
-        setattr(struct, name, wp.array(np.asarray(values, dtype=kind), dtype=dtype, device=device))
-    return struct
+    return struct_of(
+        StrayLight,
+        device,
+        earth=stray.earth,
+        moon_radius_m=MOON_RADIUS_M,
+        angle_rad=angle_rad,
+        log_ratio=log_ratio,
+        moon_m=moon_m,
+        sun_w_cm2=stray.sun * sun_w_cm2,
+        moon_w_cm2=of_moon,
+        across=0.5 * across + [0.5, 0.0],
+        along=along * [1.0, 0.5],
+    )

@@ -36,6 +36,10 @@ class Inputs:
     sensor: wp.array
     """Index of the sensor among those of its kind."""
 
+    def part(self, first: int, end: int) -> Inputs:
+        """Inputs of some consecutive views."""
+        return Inputs(self.time_s[first:end], self.frame[first:end], self.sensor[first:end])
+
 
 @dataclass(frozen=True)
 class Columns:
@@ -64,7 +68,7 @@ class Columns:
 
     def part(self, first: int, end: int) -> Columns:
         """Columns of some consecutive views."""
-        return self._each(lambda array: array[first:end] if array.size else array)
+        return self._each(lambda array: some_views(array, first, end))
 
     def to(self, device: wp.Device) -> Columns:
         """Return the same on a device."""
@@ -185,6 +189,18 @@ def new_inputs(device: wp.Device, time_s: Any, frame: Any, sensor: Any) -> Input
         wp.array(np.asarray(frame, dtype=np.uint32), dtype=wp.uint32, device=device, copy=False),
         wp.array(np.asarray(sensor, dtype=np.uint32), dtype=wp.uint32, device=device, copy=False),
     )
+
+
+def inputs_of_views(device: wp.Device, time_s: Any, sensors: Sequence[int], frames: Any = None) -> Inputs:
+    """Return the inputs of views, time by time and sensor by sensor within it; without frames these are all 0."""
+    frame = np.zeros(len(time_s)) if frames is None else frames
+    n_sensor = len(sensors)
+    return new_inputs(device, np.repeat(time_s, n_sensor), np.repeat(frame, n_sensor), np.tile(sensors, len(time_s)))
+
+
+def some_views(array: wp.array, first: int, end: int) -> wp.array:
+    """Return the part of an array that is of some consecutive views."""
+    return array[first:end] if array.size else array  # Warp does not slice what is empty
 
 
 def new_columns(scene: DeviceBodies, n_view: int) -> Columns:

@@ -1,4 +1,4 @@
-"""Arrays that only stages read and write: sources, instants of the exposure, signal."""
+"""Arrays that stages read and write: inputs and columns of views, sources, instants of the exposure, signal."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from warpsim_kernels.canvas import STRIP_PIXELS, n_flag
 from warpsim_kernels.records import Sources, View
 from warpsim_kernels.signature import N_TERM
 
+from warpsim.launches import struct_of
+from warpsim.render.batch import Columns, Inputs, new_columns, some_views
+
 if TYPE_CHECKING:
     from warpsim.render.device_scene import DeviceBodies, DeviceScene
 
@@ -20,16 +23,73 @@ SOURCE_ARRAYS = ("n_source", "xy_px", "irradiance_w_cm2", "star", "direction", "
 
 
 @dataclass(frozen=True)
-class ExposureViews:
-    """Views at the instants of the exposure at which positions are found; each array is (n_view, n_path)."""
+class TimedViews:
+    """Views at times of their own; arrays of one shape, views first."""
 
-    offset_s: wp.array
-    """The instants, from the middle of the exposure [s], (n_path,)."""
     time_s: wp.array
+    """After the epoch."""
     middle_s: wp.array
+    """The frame's time."""
     sensor: wp.array
     views: wp.array
     """View records."""
+
+
+@dataclass(frozen=True)
+class ExposureViews(TimedViews):
+    """Views at the instants of the exposure at which positions are found, (n_view, n_path)."""
+
+    offset_s: wp.array
+    """The instants, from the middle of the exposure [s], (n_path,)."""
+
+
+@dataclass(frozen=True)
+class RowViews(TimedViews):
+    """The targets' own views, each at the time of its row, (n_view, n_target), one where there is no target."""
+
+    sources: Any
+    """The kernels' Sources, whose series alone is of its own: paths over the times of all rows."""
+
+
+@dataclass(frozen=True)
+class ViewArrays:
+    """What the stages of views read and write."""
+
+    inputs: Inputs
+    columns: Columns
+    sources: Any
+    """The kernels' Sources."""
+    area_series: wp.array
+    """How areas change: Legendre coefficients, (n_view, n_target + n_patch, N_TERM, n_profile)."""
+    exposure: ExposureViews | None
+    """Where light moves."""
+    rows: RowViews | None
+    """Where rows have times of their own."""
+
+    @property
+    def arrays(self) -> list[wp.array]:
+        """Arrays that take memory."""
+        own = [*vars(self.inputs).values(), *self.columns.arrays, self.area_series]
+        own += [getattr(self.sources, name) for name in SOURCE_ARRAYS]
+        if self.exposure is not None:
+            own += vars(self.exposure).values()
+        if self.rows is not None:
+            own += (vars(self.rows) | {"sources": self.rows.sources.offset_px}).values()
+        return own
+
+
+def new_view_arrays(scene: DeviceBodies, inputs: Inputs, n_slot: int, columns: Columns | None = None) -> ViewArrays:
+    """Return arrays for views whose inputs are there, with source lists of n_slot."""
+    n_view, device, streaks = len(inputs.frame), scene.device, scene.streaks
+    sources = new_sources(scene, n_view, n_slot)
+    return ViewArrays(
+        inputs,
+        new_columns(scene, n_view) if columns is None else columns,
+        sources,
+        new_area_series(scene, n_view),
+        new_exposure(device, streaks.offset_s, n_view) if streaks.enabled else None,
+        _new_rows(scene, sources) if streaks.rolls else None,
+    )
 
 
 @dataclass(frozen=True)
@@ -96,65 +156,39 @@ def new_background_nodes(scene: DeviceScene, n_view: int) -> BackgroundNodes:
     return BackgroundNodes(*(wp.zeros(shape, dtype=wp.float32, device=scene.device) for shape in shapes))
 
 
+def _timed(device: wp.Device, shape: tuple[int, int]) -> dict[str, wp.array]:
+    """Arrays of TimedViews by name."""
+    kinds = {"time_s": wp.float64, "middle_s": wp.float64, "sensor": wp.uint32, "views": View}
+    return {name: wp.zeros(shape, dtype=dtype, device=device) for name, dtype in kinds.items()}
+
+
 def new_exposure(device: wp.Device, offset_s: npt.NDArray[np.float64], n_view: int) -> ExposureViews:
     """Return room for views at instants from the middle of the exposure [s], (n_path,)."""
-    shape = (n_view, len(offset_s))
-    return ExposureViews(
-        wp.array(offset_s, dtype=wp.float64, device=device),
-        wp.empty(shape, dtype=wp.float64, device=device),
-        wp.empty(shape, dtype=wp.float64, device=device),
-        wp.empty(shape, dtype=wp.uint32, device=device),
-        wp.zeros(shape, dtype=View, device=device),
-    )
+    instants = wp.array(offset_s, dtype=wp.float64, device=device)
+    return ExposureViews(**_timed(device, (n_view, len(offset_s))), offset_s=instants)
 
 
-@dataclass(frozen=True)
-class RowViews:
-    """The targets' own views, each at the time of its row, and paths of sources over the times of all rows."""
-
-    sources: Any
-    """The kernels' Sources, whose series alone is of its own."""
-    time_s: wp.array
-    """After the epoch, (n_view, n_target), one where there is no target; the others are of the same shape."""
-    middle_s: wp.array
-    """The frame's time."""
-    sensor: wp.array
-    views: wp.array
-    """View records."""
-
-    @property
-    def arrays(self) -> list[wp.array]:
-        """Arrays that take memory."""
-        return [self.sources.offset_px, self.time_s, self.middle_s, self.sensor, self.views]
-
-
-def new_row_views(scene: DeviceBodies, sources: Any) -> RowViews:
+def _new_rows(scene: DeviceBodies, sources: Any) -> RowViews:
     """Return room for what rows of their own times take, beside sources."""
-    device, shape = scene.device, (len(sources.n_source), max(scene.n_target, 1))
-    window: Any = Sources()
-    for name in SOURCE_ARRAYS:
-        setattr(window, name, getattr(sources, name))
-    window.offset_px = wp.empty(sources.offset_px.shape, dtype=wp.vec2, device=device)
-    return RowViews(
-        window,
-        wp.zeros(shape, dtype=wp.float64, device=device),
-        wp.zeros(shape, dtype=wp.float64, device=device),
-        wp.zeros(shape, dtype=wp.uint32, device=device),
-        wp.zeros(shape, dtype=View, device=device),
-    )
+    window = part_of_sources(sources, 0, len(sources.n_source))
+    window.offset_px = wp.empty(sources.offset_px.shape, dtype=wp.vec2, device=scene.device)
+    shape = (len(sources.n_source), max(scene.n_target, 1))
+    return RowViews(**_timed(scene.device, shape), sources=window)
 
 
 def new_sources(scene: DeviceBodies, n_view: int, n_slot: int) -> Any:
     """Return uninitialised source lists of n_view views, as the kernels' struct."""
-    device, n_path = scene.device, scene.streaks.n_path
-    sources: Any = Sources()
-    sources.n_source = wp.empty(n_view, dtype=wp.int32, device=device)
-    sources.xy_px = wp.empty((n_view, n_slot), dtype=wp.vec2d, device=device)
-    sources.irradiance_w_cm2 = wp.empty((n_view, scene.n_band, n_slot), dtype=wp.float32, device=device)
-    sources.star = wp.empty((n_view, n_slot), dtype=wp.int32, device=device)
-    sources.direction = wp.empty((n_view, n_slot if n_path else 0), dtype=wp.vec3d, device=device)
-    sources.offset_px = wp.empty((n_view, n_slot, n_path), dtype=wp.vec2, device=device)
-    return sources
+    n_path = scene.streaks.n_path
+    kinds: dict[str, tuple[tuple[int, ...], Any]] = {
+        "n_source": ((n_view,), wp.int32),
+        "xy_px": ((n_view, n_slot), wp.vec2d),
+        "irradiance_w_cm2": ((n_view, scene.n_band, n_slot), wp.float32),
+        "star": ((n_view, n_slot), wp.int32),
+        "direction": ((n_view, n_slot if n_path else 0), wp.vec3d),
+        "offset_px": ((n_view, n_slot, n_path), wp.vec2),
+    }
+    arrays = {name: wp.empty(shape, dtype=dtype, device=scene.device) for name, (shape, dtype) in kinds.items()}
+    return struct_of(Sources, **arrays)
 
 
 def new_spots(scene: DeviceScene, n_view: int, n_slot: int) -> wp.array:
@@ -170,11 +204,7 @@ def new_area_series(scene: DeviceBodies, n_view: int) -> wp.array:
 
 def part_of_sources(sources: Any, first: int, end: int) -> Any:
     """Return the source lists of some consecutive views."""
-    part: Any = Sources()
-    for name in SOURCE_ARRAYS:
-        array = getattr(sources, name)
-        setattr(part, name, array[first:end] if array.size else array)  # Warp does not slice what is empty
-    return part
+    return struct_of(Sources, **{name: some_views(getattr(sources, name), first, end) for name in SOURCE_ARRAYS})
 
 
 def bytes_of(arrays: Iterable[wp.array]) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from warpsim.errors import InputError
 from warpsim.launches import to_numpy
 from warpsim.render.batch import new_inputs
 from warpsim.render.buffers import new_signal
-from warpsim.render.device_artifacts import flickering_pixels, make_artifacts
+from warpsim.render.device_artifacts import band_ids, flickering_pixels, make_artifacts
 from warpsim.render.read_out import make_read_out
 from warpsim.render.stages import artifacts, read_out
 from warpsim.scene.instrument import Instrument
@@ -67,7 +68,7 @@ def detector_maps(scenario: Scenario, sensor: str, bands: Sequence[str], device:
     shape = (len(bands), camera.n_row * camera.n_col)
     outputs = [wp.empty(shape, dtype=dtype, device=on) for dtype in (wp.float32, wp.float32, wp.uint8)]
     electrons = isinstance(instrument.sensor.detector, ElectronDetector)
-    inputs = [own.detector, instrument.index(sensor), _band_id(instrument, bands, on), electrons]
+    inputs = [own.detector, instrument.index(sensor), band_ids(instrument, bands, on), electrons]
     wp.launch(detector_maps_kernel, dim=shape, inputs=inputs, outputs=outputs, device=on)
     gain, offset, bad = (to_numpy(array).reshape(len(bands), camera.n_row, camera.n_col) for array in outputs)
     return DetectorMaps(gain, offset, bad, _flicker_map(instrument, sensor, bands))
@@ -117,7 +118,7 @@ def calibration_counts(
     on, camera = wp.get_device(device), instrument.sensor.camera
     signal = new_signal((1, len(bands), camera.n_row, camera.n_col), on)
     reading = make_read_out(instrument, bands, on, dark=kind != "bias")
-    scene: Any = _Scene(on, len(bands), reading, _band_id(instrument, bands, on))
+    scene: Any = SimpleNamespace(device=on, read_out=reading, band_id=band_ids(instrument, bands, on))
     light = np.array(
         [level * instrument.sei_w_cm2(band) if kind == "flat" else 0.0 for band in bands], dtype=np.float32
     )
@@ -136,16 +137,6 @@ def calibration_counts(
     return counts
 
 
-@dataclass(frozen=True)
-class _Scene:
-    """As much of a scene on a device as the stage `read_out` reads."""
-
-    device: wp.Device
-    n_band: int
-    read_out: Any
-    band_id: wp.array
-
-
 def _instrument(scenario: Scenario, sensor: str, bands: Sequence[str]) -> Instrument:
     instrument = scenario.instrument_of(sensor)
     instrument.index(sensor)
@@ -153,11 +144,6 @@ def _instrument(scenario: Scenario, sensor: str, bands: Sequence[str]) -> Instru
         if band not in instrument.bands:
             raise InputError(f"must be of {', '.join(instrument.bands)}", "bands", band)
     return instrument
-
-
-def _band_id(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> wp.array:
-    names = list(instrument.sensor.bands)
-    return wp.array([names.index(band) for band in bands], dtype=wp.uint32, device=device)
 
 
 def _shuttered(instrument: Instrument, dark: bool) -> Instrument:

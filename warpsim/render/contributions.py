@@ -19,8 +19,8 @@ from warpsim_kernels.records import BEHIND
 from warpsim.launches import to_numpy
 from warpsim.optics.psf_bank import paths_struct, rule_of_band, stamp_rule
 from warpsim.render.batch import HostColumns
-from warpsim.render.device import rows_per_block
 from warpsim.render.device_scene import DeviceScene
+from warpsim.render.point_images import PointImages, touched_pixels
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -78,13 +78,12 @@ class TargetLight:
         scene, n_plane = self._device_scene, len(view)
         if n_plane == 0:
             return np.zeros((0, *shape), dtype=np.float32)
-        device = scene.device
 
         def upload(values: Any, dtype: Any) -> wp.array:
-            return wp.array(np.ascontiguousarray(values), dtype=dtype, device=device)
+            return wp.array(np.ascontiguousarray(values), dtype=dtype, device=scene.device)
 
         sources = [
-            wp.full(n_plane, 1, dtype=wp.int32, device=device),
+            wp.full(n_plane, 1, dtype=wp.int32, device=scene.device),
             upload((self.xy_px[view, target] - origin_px)[:, None], wp.vec2d),
             upload(self.irradiance_w_cm2[view, band, target][:, None, None], wp.float32),
         ]
@@ -93,11 +92,8 @@ class TargetLight:
             moving = upload(self.offset_px[view, target][:, None], wp.vec2)
             brightness = upload(self._brightness[view, band, target][:, None, None], wp.float32)
             paths = paths_struct(moving, brightness, n_target=1)
-        signal = wp.zeros((n_plane, 1, *shape), dtype=wp.float32, device=device)
         rule = rule_of_band(scene.stamp_rule, band)
-        n_row = rows_per_block(device, shape[0], n_plane)
-        scene.psf.of_band(band).deposit(sources, rule, n_row, signal, paths).run()
-        return to_numpy(signal)[:, 0]
+        return to_numpy(PointImages(scene.psf.of_band(band), sources, rule, shape, paths).draw())[:, 0]
 
     def contributions(self, band: int, view: int, chunk_bytes: int = CHUNK_BYTES) -> F32:
         """Light of every target over a whole image, shape (n_target, n_row, n_col)."""
@@ -140,16 +136,12 @@ class TargetLight:
 
     def _windows(self, band: int, view: Ints, target: Ints, least_w_cm2: float) -> tuple[Ints, Ints]:
         """First pixels, and those past the last, that may hold least_w_cm2 of a target; (n, 2), column and row."""
-        reach_px = self._reach_px(self.irradiance_w_cm2[view, band, target], band, least_w_cm2)
-        xy_px = self.xy_px[view, target]
-        margin_px = np.abs(self.offset_px[view, target]).sum(axis=1, dtype=np.float64) + reach_px[:, None]
-        has_light = (self.irradiance_w_cm2[view, band, target] != 0.0) & ~self.is_behind[view, target]
-        n_px = np.array(self.shape[::-1])
-        middle = np.where(has_light[:, None], xy_px, -1e9)
-        margin_px = np.where(has_light[:, None], margin_px, 0.0)
-        low = np.clip(np.ceil(middle - margin_px - 0.5), 0, n_px).astype(np.int64)
-        high = np.clip(np.floor(middle + margin_px + 0.5) + 1, 0, n_px).astype(np.int64)
-        return low, high
+        light = self.irradiance_w_cm2[view, band, target]
+        has_light = (light != 0.0) & ~self.is_behind[view, target]
+        margin_px = np.abs(self.offset_px[view, target]).sum(axis=1, dtype=np.float64)
+        margin_px = margin_px + self._reach_px(light, band, least_w_cm2)[:, None]
+        middle = np.where(has_light[:, None], self.xy_px[view, target], -1e9)
+        return touched_pixels(middle, np.where(has_light[:, None], margin_px, 0.0) + 0.5, self.shape)
 
     def _reach_px(self, irradiance_w_cm2: F32, band: int, least_w_cm2: float) -> npt.NDArray[np.int32]:
         """Largest distance from a target at which pixels may hold least_w_cm2, shape (n,): as stamps are sized."""

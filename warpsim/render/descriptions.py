@@ -1,13 +1,20 @@
-"""What the columns of tables mean: of truth, stars, labels, detections and scores."""
+"""What the columns of tables mean, and their units: of truth, stars, labels, detections and scores."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from warpsim.render.states import STATE_NAMES
-
 if TYPE_CHECKING:
     from astropy.table import Table
+
+STATE_NAMES = ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "qx", "qy", "qz", "qw")
+"""Of position, velocity and attitude, behind `sensor_` or `target_`."""
+
+STATE_UNITS = {
+    f"{body}_{name}": "m" if name in STATE_NAMES[:3] else "m / s"
+    for body in ("sensor", "target")
+    for name in STATE_NAMES[:6]
+}
 
 DESCRIPTIONS = {
     "frame": "frame number",
@@ -81,6 +88,21 @@ DESCRIPTIONS = {
     "id": "name of the star in the catalog",
 }
 """By name of the column."""
+
+
+UNITS = {
+    "time_s": "s", "row_time_s": "s", "x_px": "pix", "y_px": "pix", "dx_px": "pix", "dy_px": "pix", "range_km": "km",
+    "aspect_deg": "deg", "projected_area_m2": "m2", "temperature_k": "K", "neighbour_px": "pix", "x_sigma_px": "pix",
+    "y_sigma_px": "pix", "charge_e": "electron", **STATE_UNITS,
+}  # fmt: skip
+"""Of columns of truth, stars, artifacts and light curves, besides irradiances."""
+
+
+def with_units(table: Table) -> Table:
+    """Return a table after columns got their units, irradiances too."""
+    for column in table.itercols():
+        column.unit = UNITS.get(column.name, "W / cm2" if column.name.endswith("_w_cm2") else None)
+    return table
 
 
 def described(table: Table) -> Table:

@@ -13,6 +13,7 @@ from warpsim_kernels.artifacts import Flicker, Hits
 
 from warpsim.detector.artifacts import has_artifacts, hit_area
 from warpsim.detector.levels import ElectronLevels
+from warpsim.launches import struct_of
 from warpsim.scene.instrument import Instrument
 from warpsim.streams import uniforms
 
@@ -36,6 +37,11 @@ class DeviceArtifacts:
     n_col: int
 
 
+def band_ids(instrument: Instrument, bands: Sequence[str], device: wp.Device) -> wp.array:
+    """Return the index of each band among those of the sensors, (n_band,)."""
+    return wp.array([list(instrument.sensor.bands).index(band) for band in bands], dtype=wp.uint32, device=device)
+
+
 def make_artifacts(
     instrument: Instrument, bands: Sequence[str], key: wp.array, device: wp.Device
 ) -> DeviceArtifacts | None:
@@ -47,11 +53,9 @@ def make_artifacts(
     detector, camera = instrument.sensor.detector, instrument.sensor.camera
     if not has_artifacts(detector):
         return None
-    names = list(instrument.sensor.bands)
-    band_id = wp.array([names.index(band) for band in bands], dtype=wp.uint32, device=device)
     hits = _hits_struct(instrument, bands, device) if detector.hits is not None else None
     flicker = _flicker_struct(instrument, bands, device) if detector.flicker is not None else None
-    return DeviceArtifacts(hits, flicker, key, band_id, camera.n_row, camera.n_col)
+    return DeviceArtifacts(hits, flicker, key, band_ids(instrument, bands, device), camera.n_row, camera.n_col)
 
 
 def _w_cm2(instrument: Instrument, band: str, electrons: float | None, nei: float | None) -> float:
@@ -68,15 +72,16 @@ def _hits_struct(instrument: Instrument, bands: Sequence[str], device: wp.Device
     own = instrument.sensor.detector.hits
     assert own is not None
     area = hit_area(instrument.sensor.detector, instrument.sensor.camera)
-    struct: Any = Hits()
-    struct.mean, struct.margin_px = area.mean, wp.vec2d(*area.margin_px)
-    struct.thickness_px = wp.vec2d(*(own.thickness_um / size for size in area.size_um))
-    struct.landau_width = own.landau_width
-    charges = (None if mean is None else mean * own.thickness_um for mean in (own.e_per_um, own.nei_per_um))
-    electrons, nei = charges
-    level = [_w_cm2(instrument, band, electrons, nei) for band in bands]
-    struct.level_w_cm2 = wp.array(level, dtype=wp.float32, device=device)
-    return struct
+    electrons, nei = (None if mean is None else mean * own.thickness_um for mean in (own.e_per_um, own.nei_per_um))
+    return struct_of(
+        Hits,
+        device,
+        mean=area.mean,
+        margin_px=area.margin_px,
+        thickness_px=[own.thickness_um / size for size in area.size_um],
+        landau_width=own.landau_width,
+        level_w_cm2=[_w_cm2(instrument, band, electrons, nei) for band in bands],
+    )
 
 
 def flickering_pixels(instrument: Instrument, sensor: int, band: str) -> tuple[npt.NDArray[np.int32], F32, F64]:
@@ -101,11 +106,14 @@ def _flicker_struct(instrument: Instrument, bands: Sequence[str], device: wp.Dev
     planes = [flickering_pixels(instrument, row, band) for row in range(len(instrument.names)) for band in bands]
     pixel, level, part = (np.concatenate(values) for values in zip(*planes, strict=True))
     n_pixel = [len(one) for one, *_ in planes]
-    struct: Any = Flicker()
-    struct.first = wp.array(np.cumsum([0, *n_pixel]), dtype=wp.int32, device=device)
-    struct.pixel = wp.array(pixel, dtype=wp.int32, device=device)
-    struct.level_w_cm2 = wp.array(level, dtype=wp.float32, device=device)
-    struct.phase = wp.array((part * own.dwell_frames).astype(np.uint32), dtype=wp.uint32, device=device)
-    struct.dwell, struct.on_at_most = own.dwell_frames, round(own.duty * 2**32) - 1
-    struct.n_most = max(n_pixel)
-    return struct
+    return struct_of(
+        Flicker,
+        device,
+        first=np.cumsum([0, *n_pixel]),
+        pixel=pixel,
+        level_w_cm2=level,
+        phase=(part * own.dwell_frames).astype(np.uint32),
+        dwell=own.dwell_frames,
+        on_at_most=round(own.duty * 2**32) - 1,
+        n_most=max(n_pixel),
+    )

@@ -11,6 +11,7 @@ import warp as wp
 from warpsim_kernels.rolling import Roll
 from warpsim_kernels.trace import Instants
 
+from warpsim.launches import struct_of
 from warpsim.legendre import gauss_legendre, series_matrix
 from warpsim.optics.psf_bank import PsfBank
 from warpsim.render.background import DeviceBackground
@@ -28,7 +29,8 @@ class DeviceBodies:
 
     instrument: Instrument
     device: wp.Device
-    n_band: int
+    bands: list[str]
+    """Names."""
     n_target: int
     aim_kernel: wp.Kernel
     pointing: Any
@@ -43,9 +45,9 @@ class DeviceBodies:
     """Instants at which sources are followed through the exposure."""
 
     @property
-    def has_background(self) -> bool:
-        """Whether every pixel has light of what lies behind sources."""
-        return self.instrument.background.is_on
+    def n_band(self) -> int:
+        """Bands."""
+        return len(self.bands)
 
 
 @dataclass(frozen=True)
@@ -90,30 +92,28 @@ class Streaks:
         return self.n_path > 0
 
 
-def no_streaks() -> Streaks:
-    """Nothing moves."""
-    return Streaks(0, 0.0, np.zeros(0), Instants())
-
-
 def streaks_at(n_path: int, span_s: float, device: wp.Device, error_px: float = 0.0) -> Streaks:
     """Streaks with positions at the nodes of a Gauss-Legendre rule over a span about the frame's time [s]."""
-    instants: Any = Instants()
-    instants.n_path = n_path
-    instants.series = wp.array(series_matrix(n_path), dtype=wp.float64, device=device)
+    instants = struct_of(Instants, device, n_path=n_path, series=series_matrix(n_path))
     return Streaks(n_path, error_px, 0.5 * span_s * gauss_legendre(n_path)[0], instants)
 
 
 def make_roll(sensor: Sensor, instants: Any, device: wp.Device) -> Any:
     """Return the rows' times of a sensor, paths through whose window are series at instants, as the kernels' Roll."""
     detector, n_row = sensor.detector, sensor.camera.n_row
-    roll: Any = Roll()
-    roll.line_time_s, roll.middle_row = detector.line_time_s, 0.5 * (n_row - 1)
-    roll.half_rows_s = 0.5 * n_row * abs(detector.line_time_s)
-    roll.half_exposure_s, roll.half_window_s = 0.5 * detector.exposure_s, 0.5 * sensor.window_s
-    roll.charge_drift_px = -0.5 * np.sign(detector.line_time_s) if detector.tdi_stages else 0.0
-    roll.node = wp.array(gauss_legendre(instants.n_path)[0], dtype=wp.float64, device=device)
-    roll.instants = instants
-    return roll
+    line_s = detector.line_time_s
+    return struct_of(
+        Roll,
+        device,
+        line_time_s=line_s,
+        middle_row=0.5 * (n_row - 1),
+        half_rows_s=0.5 * n_row * abs(line_s),
+        half_exposure_s=0.5 * detector.exposure_s,
+        half_window_s=0.5 * sensor.window_s,
+        charge_drift_px=-0.5 * np.sign(line_s) if detector.tdi_stages else 0.0,
+        node=gauss_legendre(instants.n_path)[0],
+        instants=instants,
+    )
 
 
 def moved(offset_px: npt.NDArray[Any]) -> npt.NDArray[np.float64]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +16,10 @@ from warpsim_kernels.camera import Camera as CameraStruct
 from warpsim_kernels.camera import Distortion as LensStruct
 from warpsim_kernels.motion import BodyNodes, NodeGrid, Nodes
 from warpsim_kernels.records import Sources, View
+from warpsim_kernels.trace import Instants
 
 from warpsim.constants import SPEED_OF_LIGHT_M_S
-from warpsim.launches import to_numpy
+from warpsim.launches import struct_of, to_numpy
 from warpsim.legendre import series_at
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import PsfGaussian
@@ -29,8 +30,8 @@ from warpsim.render.background import make_background
 from warpsim.render.batch import new_inputs
 from warpsim.render.buffers import new_exposure
 from warpsim.render.device import kernel_loading
-from warpsim.render.device_artifacts import make_artifacts
-from warpsim.render.device_scene import DeviceBodies, DeviceScene, Streaks, make_roll, no_streaks, streaks_at
+from warpsim.render.device_artifacts import band_ids, make_artifacts
+from warpsim.render.device_scene import DeviceBodies, DeviceScene, Streaks, make_roll, streaks_at
 from warpsim.render.pointing_arrays import make_pointing
 from warpsim.render.read_out import make_read_out
 from warpsim.render.stages import aim, image_kernels, trace
@@ -40,11 +41,6 @@ from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.tracks import Tracks
 from warpsim.sky.band_index import BandIndex
-
-if TYPE_CHECKING:
-    from warpsim.optics.camera import Camera
-    from warpsim.render.device_scene import DeviceBodies
-    from warpsim.scene.instrument import Instrument
 
 _ENDLESS_S = 1e300
 
@@ -61,14 +57,14 @@ def make_device_bodies(
     still = DeviceBodies(
         instrument,
         device,
-        len(bands),
+        list(bands),
         len(scenario.targets),
         *make_pointing(instrument, device),
         tracks_struct(scenario.tracks, instrument.satellites, device),
         make_target_field(scenario, instrument, bands, device, with_streaks),
         camera_struct(camera),
         wp.array(camera.sample_points, dtype=wp.vec3d, device=device),
-        no_streaks(),
+        Streaks(0, 0.0, np.zeros(0), Instants()),
     )
     if not (with_streaks and instrument.sensor.streaks):
         return still
@@ -93,13 +89,12 @@ def make_device_scene(
     loading.start(bodies.field.observe_kernel, bodies.aim_kernel)
     for kernel, n_thread in image_kernels(bodies, psf, read_out):
         loading.start(kernel, block_dim=n_thread)
-    band_id = wp.array([sensor.bands.index(name) for name in bands], dtype=wp.uint32, device=device)
     cut = stamp_rule([sensor.optics.stamp_cut_nei * instrument.nei_w_cm2(band) for band in bands], 0.0, device)
     loading.wait()
     stars = make_stars(scenario, instrument, bands, index, psf, cut, bodies.tracks.grid)
     of_bodies = {field.name: getattr(bodies, field.name) for field in dataclasses.fields(bodies)}
     background = make_background(scenario, instrument, bands, device)
-    own = {"stars": stars, "band_id": band_id, "stamp_rule": cut, "background": background}
+    own = {"stars": stars, "band_id": band_ids(instrument, bands, device), "stamp_rule": cut, "background": background}
     own["artifacts"] = make_artifacts(instrument, bands, read_out.detector.keys, device)
     return DeviceScene(**of_bodies, psf=psf, read_out=read_out, **own)
 
@@ -114,41 +109,42 @@ def tracks_struct(tracks: Tracks, satellites: Sequence[int], device: wp.Device) 
     """Return tracks as the kernels' struct: a row for each sensor, then one for each target."""
     bodies = [*(tracks.satellites[index] for index in satellites), *tracks.targets]
     stack, sun = TrackStack(bodies), tracks.sun
-    grid: Any = NodeGrid()
-    grid.start_s, grid.step_s, grid.n_node = sun.start_s, sun.step_s, sun.n_node
     rows = np.zeros(len(bodies), dtype=BodyNodes.numpy_dtype())
     rows["grid"]["start_s"], rows["grid"]["step_s"], rows["grid"]["n_node"] = stack.start_s, stack.step_s, stack.n_node
     rows["first"], rows["steps_per_m"] = stack.first, 1.0 / (SPEED_OF_LIGHT_M_S * stack.step_s)
-    nodes: Any = Nodes()
-    nodes.bodies = wp.array(rows, dtype=BodyNodes, device=device)
     # On a CPU the arrays are those of the stack, which nobody else has.
-    nodes.position_m = wp.array(stack.node_m, dtype=wp.vec3d, device=device, copy=False)
-    nodes.velocity_m_s = wp.array(stack.node_m_s, dtype=wp.vec3d, device=device, copy=False)
+    position_m, velocity_m_s = (
+        wp.array(nodes, dtype=wp.vec3d, device=device, copy=False) for nodes in (stack.node_m, stack.node_m_s)
+    )
     n_sensor = len(satellites)
     release_s = np.concatenate([np.full(n_sensor, -np.inf), tracks.release_s])
     exists_s = np.concatenate([np.full((n_sensor, 2), [-np.inf, np.inf]), tracks.exists_s])
-    presence: Any = Presence()
-    presence.release_s = wp.array(np.maximum(release_s, -_ENDLESS_S), dtype=wp.float64, device=device)
-    carrier = np.concatenate([np.arange(n_sensor), n_sensor + tracks.carrier])
-    presence.carrier = wp.array(carrier, dtype=wp.int32, device=device)
-    presence.exists_s = wp.array(np.clip(exists_s, -_ENDLESS_S, _ENDLESS_S), dtype=wp.vec2d, device=device)
-    struct: Any = TracksStruct()
-    struct.earth_velocity_m_s = wp.array(tracks.earth_velocity_m_s, dtype=wp.vec3d, device=device)
-    struct.nodes, struct.presence, struct.grid, struct.first_target = nodes, presence, grid, n_sensor
-    return struct
+    presence = struct_of(
+        Presence,
+        device,
+        release_s=np.maximum(release_s, -_ENDLESS_S),
+        carrier=np.concatenate([np.arange(n_sensor), n_sensor + tracks.carrier]),
+        exists_s=np.clip(exists_s, -_ENDLESS_S, _ENDLESS_S),
+    )
+    return struct_of(
+        TracksStruct,
+        device,
+        earth_velocity_m_s=tracks.earth_velocity_m_s,
+        nodes=struct_of(Nodes, device, bodies=rows, position_m=position_m, velocity_m_s=velocity_m_s),
+        presence=presence,
+        grid=struct_of(NodeGrid, start_s=sun.start_s, step_s=sun.step_s, n_node=sun.n_node),
+        first_target=n_sensor,
+    )
 
 
 def camera_struct(camera: Camera) -> Any:
     """The camera as the kernels' struct."""
-    struct: Any = CameraStruct()
-    struct.n_row, struct.n_col = camera.n_row, camera.n_col
-    struct.focal_px, struct.focal_row_px = camera.focal_px, camera.focal_row_px
+    names = ("n_row", "n_col", "focal_px", "focal_row_px")
+    struct = struct_of(CameraStruct, **{name: getattr(camera, name) for name in names})
     struct.centre_x_px, struct.centre_y_px = camera.centre_px
     if camera.lens is not None:
-        lens: Any = LensStruct()
-        lens.k1, lens.k2, lens.k3 = camera.lens.k1, camera.lens.k2, camera.lens.k3
-        lens.p1, lens.p2, lens.limit = camera.lens.p1, camera.lens.p2, camera.distortion_radius
-        struct.distortion = lens
+        terms = {name: getattr(camera.lens, name) for name in ("k1", "k2", "k3", "p1", "p2")}
+        struct.distortion = struct_of(LensStruct, **terms, limit=camera.distortion_radius)
     return struct
 
 
@@ -234,12 +230,14 @@ def _paths_px(camera: Camera, scene: DeviceBodies, rule: Streaks, time_s: F64, s
     aim(scene, inputs, views, exposure).run()
     stars = np.einsum("ci,vij->vcj", camera.sample_points, to_numpy(views)["axes"])
     n_source = scene.n_target + stars.shape[1]
-    sources: Any = Sources()
-    sources.n_source = wp.full(n_view, n_source, dtype=wp.int32, device=device)
-    sources.xy_px = wp.zeros((n_view, n_source), dtype=wp.vec2d, device=device)  # series are of positions themselves
-    direction = np.concatenate([np.zeros((n_view, scene.n_target, 3)), stars], axis=1)
-    sources.direction = wp.array(direction, dtype=wp.vec3d, device=device)
-    sources.offset_px = wp.empty((n_view, n_source, rule.n_path), dtype=wp.vec2, device=device)
+    sources = struct_of(
+        Sources,
+        device,
+        n_source=np.full(n_view, n_source),
+        xy_px=np.zeros((n_view, n_source, 2)),  # series are of positions themselves
+        direction=np.concatenate([np.zeros((n_view, scene.n_target, 3)), stars], axis=1),
+        offset_px=wp.empty((n_view, n_source, rule.n_path), dtype=wp.vec2, device=device),
+    )
     targets = wp.empty((n_view, scene.n_target, rule.n_path), dtype=wp.vec2, device=device)
     trace(scene, rule, exposure, sources, targets).run()
     series = np.asarray(to_numpy(sources.offset_px), dtype=np.float64)

@@ -12,13 +12,11 @@ import numpy.typing as npt
 
 from warpsim.arguments import chosen_names
 from warpsim.errors import InputError
-from warpsim.render.bounds import full_w_cm2
 from warpsim.render.frameset import FrameSet
-from warpsim.render.gradients import checked_parameters
-from warpsim.render.irradiance import irradiance_of
-from warpsim.render.likelihood import read_light
+from warpsim.render.gradients import camera_slopes, checked_parameters
+from warpsim.render.likelihood import irradiance_of, read_light
 from warpsim.render.point_images import JacobianStamps
-from warpsim.render.view_sources import camera_slopes
+from warpsim.render.resolution import full_w_cm2
 
 if TYPE_CHECKING:
     from astropy.table import Table

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -20,9 +20,9 @@ from warpsim.render.contributions import CHUNK_BYTES, MOST_TARGETS, TargetLight,
 from warpsim.render.device_scene import DeviceScene
 from warpsim.render.image_stack import ImageStack
 from warpsim.render.line_of_sight import LineOfSight, ViewGeometry
-from warpsim.render.point_images import PointImages
-from warpsim.render.truth import ImageAxes, star_table, target_positions_m, truth_table
-from warpsim.render.view_sources import sources_of_views
+from warpsim.render.point_images import PointImages, sources_of_views
+from warpsim.render.request import Request
+from warpsim.render.truth import star_table, target_positions_m, truth_table
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.provenance import provenance
@@ -57,17 +57,13 @@ class FrameSet:
         """The frame at an index along the first axis, as a set of its own that shares the memory; -1 for the last."""
         n_sensor, index = len(self.sensors), range(len(self.counts))[index]
         first, end = index * n_sensor, (index + 1) * n_sensor
-        return FrameSet(
-            self.scenario,
-            self.instrument,
-            self._numbers[index : index + 1],
-            self.sensors,
-            self.bands,
-            self.counts.part(index, index + 1),
-            None if self.signal_w_cm2 is None else self.signal_w_cm2.part(index, index + 1),
-            self._device_scene,
-            self._columns.part(first, end),
-            self._star_lists and self._star_lists[first:end],
+        return replace(
+            self,
+            _numbers=self._numbers[index : index + 1],
+            counts=self.counts.part(index, index + 1),
+            signal_w_cm2=None if self.signal_w_cm2 is None else self.signal_w_cm2.part(index, index + 1),
+            _columns=self._columns.part(first, end),
+            _star_lists=self._star_lists and self._star_lists[first:end],
         )
 
     @cached_property
@@ -92,7 +88,7 @@ class FrameSet:
     @property
     def axes_icrs(self) -> npt.NDArray[np.float64]:
         """Camera axes as rows x, y, z, errors of pointing included, shape (frame, sensor, 3, 3)."""
-        return self._host.views["axes"].reshape(len(self.frames), len(self.sensors), 3, 3)
+        return self._of_views("axes")
 
     @property
     def up_replaced(self) -> npt.NDArray[np.bool_]:
@@ -110,31 +106,35 @@ class FrameSet:
         return self._view_flag(int(SLEWING))
 
     @property
-    def _axes(self) -> ImageAxes:
-        return ImageAxes(self.scenario, self.instrument, self.frames, self.sensors, self.bands)
+    def _asked(self) -> Request:
+        return Request(self.scenario, self.instrument, self.frames, self.sensors, self.bands)
 
     def _view_flag(self, bit: int) -> npt.NDArray[np.bool_]:
-        word = self._host.views["flags"].reshape(len(self.frames), len(self.sensors))
-        return np.asarray((word & bit) != 0)
+        return np.asarray((self._of_views("flags") & bit) != 0)
+
+    def _of_views(self, name: str) -> npt.NDArray[Any]:
+        """Field of the view records, (frame, sensor, ...)."""
+        values = self._host.views[name]
+        return values.reshape(len(self.frames), len(self.sensors), *values.shape[1:])
 
     @property
     def velocity_m_s(self) -> npt.NDArray[np.float64]:
         """Barycentric velocity of the sensors, ICRS axes [m/s], shape (frame, sensor, 3)."""
-        return self._host.views["velocity_m_s"].reshape(len(self.frames), len(self.sensors), 3)
+        return self._of_views("velocity_m_s")
 
     @property
     def barycentric_m(self) -> npt.NDArray[np.float64]:
         """Barycentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
-        return self._from_earth(earth_states(self.scenario.epoch, self.time_s).barycentric_m)
+        return self._from_earth("barycentric_m")
 
     @property
     def heliocentric_m(self) -> npt.NDArray[np.float64]:
         """Heliocentric position of the sensors, ICRS axes [m], shape (frame, sensor, 3)."""
-        return self._from_earth(earth_states(self.scenario.epoch, self.time_s).heliocentric_m)
+        return self._from_earth("heliocentric_m")
 
-    def _from_earth(self, earth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        geocentric = self._host.views["position_m"].reshape(len(self.frames), len(self.sensors), 3)
-        return np.asarray(earth_m[:, None] + geocentric)
+    def _from_earth(self, name: str) -> npt.NDArray[np.float64]:
+        earth_m = getattr(earth_states(self.scenario.epoch, self.time_s), name)
+        return np.asarray(earth_m[:, None] + self._of_views("position_m"))
 
     def wcs(self, frame: int, sensor: str) -> WCS:
         """TAN WCS of one image (astropy): apparent ICRS directions against zero-based pixel coordinates.
@@ -206,7 +206,7 @@ class FrameSet:
         x_px and y_px are the very numbers that the light was drawn at. snr is irradiance / NEI; snr_peak counts only
         the light in the target's own pixel. left_out_w_cm2 is the light beyond the target's stamp.
         """
-        return truth_table(self._axes, self._device_scene, self._host)
+        return truth_table(self._asked, self._device_scene, self._host)
 
     @cached_property
     def stars(self) -> Table:
@@ -217,7 +217,7 @@ class FrameSet:
         """
         if self._star_lists is None:
             raise InputError("render with keep_stars=True to have them", "stars")
-        return self._with_provenance(star_table(self._axes, self._device_scene, self._star_lists))
+        return self._with_provenance(star_table(self._asked, self._device_scene, self._star_lists))
 
     @cached_property
     def artifacts(self) -> Table:
@@ -227,7 +227,7 @@ class FrameSet:
         which would give the same charge, and of a detector in electrons charge_e.
         """
         own = self._device_scene.artifacts
-        return self._with_provenance(artifact_table(own, self.instrument, self.frames, self.sensors, self.bands))
+        return self._with_provenance(artifact_table(own, self._asked))
 
     def _with_provenance(self, table: Table) -> Table:
         """Say in a table's meta where it is from."""
@@ -343,7 +343,7 @@ class FrameSet:
 
         NaN for absent ones.
         """
-        return target_positions_m(self._axes, self._host)
+        return target_positions_m(self._asked, self._host)
 
     @property
     def target_vector_m(self) -> npt.NDArray[np.float64]:

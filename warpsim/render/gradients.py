@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from warpsim.errors import InputError
+from warpsim.optics.camera import Camera
 from warpsim.optics.psf import PsfGaussian
-from warpsim.render.deposit_gradient import checked_cotangent
+from warpsim.render.deposit import checked_cotangent
 from warpsim.render.frameset import FrameSet
 from warpsim.render.point_images import F64, Gathered
-from warpsim.render.view_sources import camera_slopes, position_slopes
 
 PARAMETERS = (
     "x_px", "y_px", "irradiance_w_cm2", "path_px", "sigma_px", "boresight_rad", "roll_rad",
@@ -24,6 +25,11 @@ OF_STARS = ("boresight_rad", "roll_rad", "sigma_px")
 """Parameters that move stars, too."""
 
 _TURNS = {"boresight_rad", "roll_rad"}
+
+ANGLE_STEP_RAD, POSITION_STEP = 1e-4, 1e-3
+"""Of five-point differences of projections in float64, of positions over their range: both good to 1e-11."""
+
+_STEPS = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
 
 
 def checked_parameters(wrt: str | Sequence[str], known: Sequence[str] = PARAMETERS) -> list[str]:
@@ -135,3 +141,43 @@ def _by_position(name: str, frames: FrameSet, by_xy: F64, by_light: F64) -> F64:
         found[view, lit] = np.einsum("na,nak->nk", by_xy[view, lit], slopes)
         found[view, lit] += by_range[view, lit, None] * along[view, lit]
     return found
+
+
+def camera_slopes(camera: Camera, xy_px: F64) -> F64:
+    """Return how positions of a still sky follow the camera, (n, 2, 3): x and y by boresight, two angles, and roll.
+
+    The boresight turns towards larger x, then towards larger y; roll turns the camera right-handed about it, as
+    `roll_deg` does. Through the lens. NaN where a position is none.
+
+    Args:
+        camera: The camera.
+        xy_px: Positions, (n, 2).
+    """
+    there = np.isfinite(xy_px).all(axis=1) & (np.abs(xy_px) < 1e6).all(axis=1)
+    slopes = np.full((len(xy_px), 2, 3), np.nan)
+    seen = camera.direction(xy_px[there])
+    turns = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # about x, y and z, for each of the three
+    for number, turn in enumerate(turns):
+        step = -np.cross(turn, seen) * ANGLE_STEP_RAD
+        slopes[there, :, number] = sum(weight * camera.project(seen + k * step, np.eye(3))[0] for k, weight in _STEPS)
+    return slopes / ANGLE_STEP_RAD
+
+
+def position_slopes(project: Any, position_m: F64, range_m: F64) -> F64:
+    """Return how images follow positions in space, (n, 2, 3) [px/m]; NaN where there is none.
+
+    Args:
+        project: Function of positions, (n, 3), to pixels, (n, 2), as `FrameSet.project`, light path and lens included.
+        position_m: Where the light left, (n, 3); NaN for none.
+        range_m: From how far away, (n,).
+    """
+    slopes = np.full((len(position_m), 2, 3), np.nan)
+    there = np.isfinite(position_m).all(axis=1) & (range_m > 0.0)
+    if not there.any():
+        return slopes
+    step_m = POSITION_STEP * range_m[there, None]
+    for axis in range(3):
+        along = step_m * np.eye(3)[axis]
+        shift = sum(weight * project(position_m[there] + k * along) for k, weight in _STEPS)
+        slopes[there, :, axis] = shift / step_m
+    return slopes

@@ -15,14 +15,13 @@ from warpsim_kernels.earth_albedo import albedo_series_of
 from warpsim_kernels.light_curve import CurveScene, CurveSet, make_light_curve_kernel
 from warpsim_kernels.light_curve_slopes import Columns, make_light_curve_slopes_kernel
 from warpsim_kernels.records import View
-from warpsim_kernels.shapes import Body
 from warpsim_kernels.signature import Features, Tables
 
 from warpsim.arguments import chosen_names, finite_number, whole_number
 from warpsim.detector.levels import noise_variance
 from warpsim.errors import InputError
-from warpsim.launches import to_numpy
-from warpsim.render.batch import new_inputs
+from warpsim.launches import struct_of, to_numpy
+from warpsim.render.batch import inputs_of_views
 from warpsim.render.curve_parameters import CurveTarget, ParameterSets
 from warpsim.render.device import default_device, worker_count
 from warpsim.render.device_scene import DeviceBodies
@@ -137,15 +136,13 @@ class LightCurve:
         """Views of the curve, (n_time * n_sensor,), and harmonics of Earth albedo."""
         device, n_view = self._device, len(self.time_s) * len(self.sensors)
         rows = [self.instrument.index(name) for name in self.sensors]
-        inputs = new_inputs(
-            device, np.repeat(self.time_s, len(rows)), np.zeros(n_view), np.tile(rows, len(self.time_s))
-        )
+        inputs = inputs_of_views(device, self.time_s, rows)
         views = wp.zeros(n_view, dtype=View, device=device)
         aim(bodies, inputs, views).run()
         target = self.scenario.targets[number]
-        chosen: Any = TargetOfCurve()
-        chosen.number = number
-        chosen.has_base = 0 if isinstance(target.spec.temperature, Temperature) else 1
+        chosen = struct_of(
+            TargetOfCurve, number=number, has_base=0 if isinstance(target.spec.temperature, Temperature) else 1
+        )
         chosen.start_s, chosen.end_s = within_scene(target.exists_s, self.scenario.scene.duration_s)
         seen = wp.zeros(n_view, dtype=CurveView, device=device)
         harmonics = wp.zeros(n_view, dtype=albedo_series_of(self._features.albedo_degree).Harmonics, device=device)
@@ -169,21 +166,29 @@ class LightCurve:
         patches = patch_areas(target.spec.shape, target.spec.patches)
         facets = facets_of([target.spec.shape, *patches], device)
         attitudes, spans = make_attitudes([scenario.attitudes[number]], device)
-        scene: Any = CurveScene()
-        tables: Any = Tables()
-        tables.attitudes, tables.facets = attitudes, facets.facets
-        tables.nutations, nutations = make_nutations([scenario.attitudes[number]], device)
-        scene.nutation_count = nutations[0][1]
-        structs = [body_struct(patch, first) for patch, first in zip(patches, facets.first[1:], strict=True)]
-        scene.patches = wp.array(structs, dtype=Body, device=device)
-        tables.temperatures = field.tables.temperatures
-        scene.views, scene.tables, scene.exposure = self._views, tables, field.exposure
-        scene.table_first, scene.table_count = spans[0]
-        scene.phase_s = self.phase_time_s
-        scene.infrared_table = field.surroundings.infrared_table
-        scene.surfaces = surfaces_struct([own, *surfaces[1:]], spectral, scenario.scene.lighting, bands, device)
-        scene.radiance = make_radiance(bands, kelvin, device, spectral)
-        return scene
+        nutations, nutation_spans = make_nutations([scenario.attitudes[number]], device)
+        tables = struct_of(
+            Tables,
+            attitudes=attitudes,
+            facets=facets.facets,
+            nutations=nutations,
+            temperatures=field.tables.temperatures,
+        )
+        return struct_of(
+            CurveScene,
+            device,
+            nutation_count=nutation_spans[0][1],
+            patches=[body_struct(patch, first) for patch, first in zip(patches, facets.first[1:], strict=True)],
+            views=self._views,
+            tables=tables,
+            exposure=field.exposure,
+            table_first=spans[0][0],
+            table_count=spans[0][1],
+            phase_s=self.phase_time_s,
+            infrared_table=field.surroundings.infrared_table,
+            surfaces=surfaces_struct([own, *surfaces[1:]], spectral, scenario.scene.lighting, bands, device),
+            radiance=make_radiance(bands, kelvin, device, spectral),
+        )
 
     def __call__(self, params: npt.ArrayLike) -> F64:
         """Return the irradiance at the pupil [W/cm2], (n_time, n_sensor, n_band), behind an axis of sets if any.
@@ -283,9 +288,7 @@ class LightCurve:
             inputs: list[Any] = [given[0][first:end], given[1][first:end], self._scene, self._harmonics]
             outputs = [light[first:end]]
             if slopes is not None:
-                columns: Any = Columns()
-                columns.kind, columns.shape = kind, given[2][first:end]
-                inputs.append(columns)
+                inputs.append(struct_of(Columns, kind=kind, shape=given[2][first:end]))
                 outputs.append(slopes[first:end])
             wp.launch(kernel, (end - first, threads), [*inputs, threads], outputs, device=self._device)
 

@@ -16,14 +16,13 @@ from warpsim_kernels.signature import N_TERM
 from warpsim.arguments import chosen_names, times_s
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
-from warpsim.render.batch import Inputs, new_columns, new_inputs
-from warpsim.render.buffers import new_area_series, new_sources
+from warpsim.render.batch import inputs_of_views, new_columns
+from warpsim.render.descriptions import with_units
 from warpsim.render.device import default_device, worker_count
 from warpsim.render.device_scene import DeviceBodies
 from warpsim.render.device_upload import make_device_bodies
 from warpsim.render.request import checked_names
-from warpsim.render.stages import aim, observe_targets, split_light
-from warpsim.render.truth import sunlit_fraction
+from warpsim.render.truth import observe, sunlit_fraction
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import TERMS
 from warpsim.scene.provenance import provenance
@@ -101,13 +100,7 @@ class LightCurves:
         columns["irradiance_w_cm2"] = self.irradiance_w_cm2.ravel()
         columns |= {f"{name}_w_cm2": values.ravel() for name, values in self.terms_w_cm2.items()}
         columns["snr"] = self.snr.ravel()
-        scene = self.scenario.scene
-        table = Table(columns, meta=provenance(scene))
-        units = {"time_s": "s", "range_km": "km", "aspect_deg": "deg", "projected_area_m2": "m2", "temperature_k": "K"}
-        units |= {name: "W / cm2" for name in table.colnames if name.endswith("_w_cm2")}
-        for name, unit in units.items():
-            table[name].unit = unit
-        return table
+        return with_units(Table(columns, meta=provenance(self.scenario.scene)))
 
     def __repr__(self) -> str:
         sizes = f"{len(self.time_s)} times, {len(self.sensors)} sensors, {len(self.targets)} targets"
@@ -183,25 +176,15 @@ def _observed(bodies: DeviceBodies, times: F64, rows: list[int], n_worker: int) 
     n_number = n_view * bodies.n_target * (bodies.n_band * N_TERM + 8)
     if n_number > MOST_NUMBERS:
         raise InputError(f"these curves would be {n_number:.2g} numbers, more than {MOST_NUMBERS:.2g}", "time_s")
-    inputs = new_inputs(device, np.repeat(times, len(rows)), np.zeros(n_view), np.tile(rows, len(times)))
+    inputs = inputs_of_views(device, times, rows)
     no_light = wp.empty((n_view, 0, bodies.n_target), dtype=wp.float32, device=device)  # but its terms
     columns = replace(new_columns(bodies, n_view), irradiance_w_cm2=no_light)
     terms = wp.zeros((N_TERM, n_view, bodies.n_band, bodies.n_target), dtype=wp.float64, device=device)
-
-    def observe(first: int) -> None:
-        end = min(first + size, n_view)
-        views, seen = Inputs(*(array[first:end] for array in vars(inputs).values())), columns.part(first, end)
-        sources = new_sources(bodies, end - first, bodies.n_target)
-        aim(bodies, views, seen.views).run()
-        observe_targets(bodies, views, seen, sources, new_area_series(bodies, end - first)).run()
-        split_light(bodies, seen.observations, terms[:, first:end]).run()
-
     # Enough pieces that the first, which is done alone, costs the threads little.
     size = n_view if n_worker == 1 else min(-(-n_view // (_PIECES_PER_THREAD * n_worker)), _VIEWS_PER_LAUNCH)
     if terms.size:
-        observe(0)  # kernels are compiled by one thread
         with ThreadPoolExecutor(n_worker) as pool:
-            list(pool.map(observe, range(size, n_view, size)))
+            observe(bodies, inputs, columns, size, pool, terms)
     observations = to_numpy(columns.observations)[:, : bodies.n_target].reshape(*shape, bodies.n_target)
     return observations, to_numpy(terms).reshape(N_TERM, *shape, bodies.n_band, bodies.n_target)
 

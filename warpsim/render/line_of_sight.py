@@ -1,4 +1,4 @@
-"""Lines of sight: where in space the light of a pixel came from, and where light from a position falls."""
+"""Lines of sight: where in space the light of a pixel came from, where light from a position falls, and states."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arguments import plain_array
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.orbit.earth import itrs_to_gcrs
 from warpsim.orbit.sun import earth_states
-from warpsim.render.states import sensor_states
+from warpsim.render.descriptions import STATE_NAMES
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.sky.apparent import apparent_direction
@@ -153,15 +154,7 @@ _N_ROW_STEP = 8
 
 def _vectors(where: str, values: Any, size: int, unit: str) -> F64:
     """Vectors, (n, size), of one vector or several, or a Quantity of them."""
-    if hasattr(values, "to_value"):
-        try:
-            values = values.to_value(unit)
-        except Exception:
-            raise InputError(f"must be convertible to {unit}", where) from None
-    try:
-        vectors = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"must be numbers, shape (n, {size}) or ({size},)", where) from None
+    vectors = plain_array(values, unit, where)
     if vectors.ndim not in (1, 2) or vectors.shape[-1] != size:
         raise InputError(f"must have shape (n, {size}) or ({size},), got {vectors.shape}", where)
     if not np.isfinite(vectors).all():
@@ -171,14 +164,51 @@ def _vectors(where: str, values: Any, size: int, unit: str) -> F64:
 
 def _ranges(range_m: Any, count: int) -> F64:
     """Ranges of so many lines, one for all or one each."""
-    if hasattr(range_m, "to_value"):
-        range_m = range_m.to_value("m")
-    try:
-        values = np.asarray(range_m, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError("must be numbers", "range_m") from None
+    values = plain_array(range_m, "m", "range_m")
     if values.shape not in ((), (count,)):
         raise InputError(f"must be one number, or {count} of them, got shape {values.shape}", "range_m")
     if not (np.isfinite(values) & (values >= 0.0)).all():
         raise InputError("must be finite and at least 0", "range_m")
     return np.broadcast_to(values, (count,))
+
+
+def sensor_states(instrument: Instrument, sensor: str, time_s: F64, axes_icrs: F64) -> F64:
+    """Return states of a sensor: position [m], velocity [m/s], quaternion of the rotation from GCRS to camera axes.
+
+    Args:
+        instrument: Its kind.
+        sensor: Its name.
+        time_s: Times after the epoch [s], (n,).
+        axes_icrs: Camera axes then, as rows, (n, 3, 3).
+
+    Returns:
+        Shape (n, 10), as STATE_NAMES has them; quaternions scalar last, their scalar not negative.
+    """
+    from scipy.spatial.transform import Rotation
+
+    attitude = Rotation.from_matrix(axes_icrs).as_quat(canonical=True)
+    return np.concatenate([*instrument.state(sensor, time_s), attitude], axis=-1)
+
+
+def target_states(scenario: Scenario, time_s: F64, range_m: F64) -> F64:
+    """Return states of targets when the light left that comes in at a time.
+
+    Args:
+        scenario: The scenario.
+        time_s: When it comes in, after the epoch [s], (n, n_target).
+        range_m: From how far away, likewise; NaN where a target is absent.
+
+    Returns:
+        Shape (n, n_target, 10), as STATE_NAMES has them, of the rotation from GCRS to body axes; NaN for absent ones.
+    """
+    from scipy.spatial.transform import Rotation
+
+    left_s = time_s - range_m / SPEED_OF_LIGHT_M_S
+    found = np.full((*time_s.shape, len(STATE_NAMES)), np.nan)
+    for target, attitude in enumerate(scenario.attitudes):
+        (there,) = np.nonzero(np.isfinite(left_s[:, target]))
+        if len(there):
+            times = left_s[there, target]
+            turned = Rotation.from_quat(attitude.at(times)).inv().as_quat(canonical=True)
+            found[there, target] = np.concatenate([*scenario.tracks.target_state(target, times), turned], axis=-1)
+    return found

@@ -10,17 +10,14 @@ import warp as wp
 
 from warpsim.launches import Stage, host_arrays, record_event, to_numpy
 from warpsim.pool import release_later
-from warpsim.render.batch import Batch, Columns, Inputs, StarList, copy_views, new_columns, new_inputs
+from warpsim.render.batch import Batch, StarList, copy_views, new_inputs, some_views
 from warpsim.render.buffers import (
-    SOURCE_ARRAYS,
+    ViewArrays,
     bytes_of,
-    new_area_series,
     new_background_nodes,
-    new_exposure,
-    new_row_views,
     new_signal,
-    new_sources,
     new_spots,
+    new_view_arrays,
     part_of_sources,
 )
 from warpsim.render.device_scene import DeviceScene, moved
@@ -42,8 +39,8 @@ from warpsim.render.stages import (
 class ImageStages:
     """The stages `deposit` and `read_out` of a pass, bound to signal that serves a few of its views at a time."""
 
-    def __init__(self, scene: DeviceScene, inputs: Inputs, columns: Columns, sources: Any, counts: wp.array) -> None:
-        n_view = len(inputs.frame)
+    def __init__(self, scene: DeviceScene, own: ViewArrays, counts: wp.array) -> None:
+        n_view = len(own.inputs.frame)
         n_at_a_time = images_at_a_time(scene, n_view)
         self.signal = new_signal((n_at_a_time, *counts.shape[1:]), scene.device)
         self._is_zero = True
@@ -51,9 +48,8 @@ class ImageStages:
         self._parts: list[tuple[int, int, list[Stage], list[Stage]]] = []  # first view and end, drawing, reading
         for first in range(0, n_view, n_at_a_time):
             end = min(first + n_at_a_time, n_view)
-            signal, lists = self.signal.part(end - first), part_of_sources(sources, first, end)
-            reads = Inputs(*(array[first:end] for array in vars(inputs).values()))
-            part = columns.part(first, end)
+            signal, lists = self.signal.part(end - first), part_of_sources(own.sources, first, end)
+            reads, part = own.inputs.part(first, end), own.columns.part(first, end)
             drawn = [deposit(scene, lists, part.brightness, signal)]
             if self._nodes is not None:
                 drawn.insert(0, background(scene, reads, part, lists, self._nodes, signal))
@@ -117,35 +113,29 @@ class Pipeline:
         self.scene, self.n_view, self.n_slot = scene, n_view, n_slot
         device, camera = scene.device, scene.instrument.sensor.camera
         nothing = np.zeros(n_view)
-        self._inputs = new_inputs(device, nothing, nothing, nothing)
-        self._host_inputs = host_arrays(vars(self._inputs).values())
+        self.own = new_view_arrays(scene, new_inputs(device, nothing, nothing, nothing), n_slot)
+        self._host_inputs = host_arrays(vars(self.own.inputs).values())
         self._host_views: list[npt.NDArray[Any]] = [array.numpy() for array in self._host_inputs]
         self._taken: wp.Event | None = None
-        self.columns = new_columns(scene, n_view)
-        self._n_required = to_numpy(self.columns.views)["n_required"] if device.is_cpu else None  # as it is at any time
-        self.sources = new_sources(scene, n_view, n_slot)
-        self._series = new_area_series(scene, n_view)
-        streaks = scene.streaks
-        self._exposure = new_exposure(device, streaks.offset_s, n_view) if streaks.enabled else None
+        views = self.own.columns.views
+        self._n_required = to_numpy(views)["n_required"] if device.is_cpu else None  # as it is at any time
         image = (scene.n_band, camera.n_row, camera.n_col)
         self._counts = (
             wp.empty((n_view, *image), dtype=wp.uint16, device=device) if to_host and device.is_cuda else None
         )
         self._stand_in = wp.empty((1, *image), dtype=wp.uint16, device=device)  # until a batch brings its own
-        self._rows = new_row_views(scene, self.sources) if streaks.rolls else None
         self.stream = wp.Stream(device) if device.is_cuda else None
         self._at_once: Stage | None = None
         self._images: ImageStages | None = None  # where signal is held
         self._spots: wp.array | None = None  # only where they are read: to make their functions takes time
         if is_read_out_at_once(scene):
             self._spots = new_spots(scene, n_view, n_slot)
-            self._at_once = deposit_read_out(scene, self._inputs, self.sources, self._spots, self._stand_in)
+            self._at_once = deposit_read_out(scene, self.own.inputs, self.own.sources, self._spots, self._stand_in)
         self._view_stages = self._bound_to_views()
 
     def _bound_to_views(self) -> list[Stage]:
-        scene, inputs, columns, sources = self.scene, self._inputs, self.columns, self.sources
-        stages = view_stages(scene, inputs, columns, sources, self._series, self._exposure, self._rows)
-        return stages if self._spots is None else [*stages, find_spots(scene, sources, self._spots)]
+        spots = [] if self._spots is None else [find_spots(self.scene, self.own.sources, self._spots)]
+        return [*view_stages(self.scene, self.own), *spots]
 
     def point(self, scene: DeviceScene) -> None:
         """Go on with a scene that differs in its pointing alone."""
@@ -156,19 +146,9 @@ class Pipeline:
     @property
     def n_byte(self) -> int:
         """Memory of the arrays that grow with the views."""
-        arrays = [*vars(self._inputs).values(), *self.columns.arrays, self._series, self._stand_in]
-        arrays += [getattr(self.sources, name) for name in SOURCE_ARRAYS]
-        if self._spots is not None:
-            arrays.append(self._spots)
-        if self._images is not None:
-            arrays += self._images.signal.arrays
-        if self._exposure is not None:
-            arrays += vars(self._exposure).values()
-        if self._rows is not None:
-            arrays += self._rows.arrays
-        if self._counts is not None:
-            arrays.append(self._counts)
-        return bytes_of(arrays)
+        held = [] if self._images is None else self._images.signal.arrays
+        others = [array for array in (self._spots, self._counts) if array is not None]
+        return bytes_of([*self.own.arrays, self._stand_in, *held, *others])
 
     def begin(self, batch: Batch) -> None:
         """Prepare for a batch; by one thread for all pipelines, since Warp loads kernels where launches are prepared.
@@ -177,7 +157,7 @@ class Pipeline:
         stream comes after all blocking ones, those of Warp and PyTorch's default one.
         """
         if self._images is None and self._at_once_for(batch) is None:
-            self._images = ImageStages(self.scene, self._inputs, self.columns, self.sources, self._stand_in)
+            self._images = ImageStages(self.scene, self.own, self._stand_in)
         if self.stream is not None:
             self.stream.wait_event(record_event(self.scene.device.null_stream))
 
@@ -188,7 +168,7 @@ class Pipeline:
         for mine, theirs in zip(self._host_views, batch.inputs, strict=True):
             mine[:n_view] = theirs[first : first + n_view]
         if self.stream is not None:
-            for here, mine in zip(vars(self._inputs).values(), self._host_inputs, strict=True):
+            for here, mine in zip(vars(self.own.inputs).values(), self._host_inputs, strict=True):
                 copy_views(here, 0, mine, 0, n_view, self.stream)
             self._taken = record_event(self.stream)
 
@@ -202,7 +182,7 @@ class Pipeline:
         for stage in self._view_stages:
             stage.run(n_view, stream)
         self._render_images(batch, first, n_view)
-        for theirs, mine in zip(batch.columns.arrays, self.columns.arrays, strict=True):
+        for theirs, mine in zip(batch.columns.arrays, self.own.columns.arrays, strict=True):
             copy_views(theirs, first, mine, 0, n_view, stream)
         if batch.stars is not None:
             batch.stars[first:end] = self._stars(n_view)
@@ -237,9 +217,9 @@ class Pipeline:
     def _stars(self, n_view: int) -> list[StarList]:
         """Position, movement, irradiance and number of the stars of each view, copied to the host."""
         self.finish()
-        sources = self.sources
+        sources = self.own.sources
         arrays = (sources.n_source, sources.offset_px, sources.xy_px, sources.irradiance_w_cm2, sources.star)
-        filled, offset_px, xy, light, star = (to_numpy(array[:n_view] if array.size else array) for array in arrays)
+        filled, offset_px, xy, light, star = (to_numpy(some_views(array, 0, n_view)) for array in arrays)
         spans: list[tuple[int, Any]] = [(view, slice(self.scene.n_target, n)) for view, n in enumerate(filled)]
         return [
             (

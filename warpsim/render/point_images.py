@@ -1,4 +1,4 @@
-"""Images of point sources and their derivatives, on a device: what the gradients of scenes and of arrays share."""
+"""Images of point sources and their derivatives, on a device, of arrays and of rendered views."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+from warpsim_kernels.records import BEHIND
 
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
 from warpsim.optics.psf_bank import PsfBank, paths_struct
+from warpsim.render.batch import HostColumns, StarList, some_views
 from warpsim.render.device import rows_per_block
+from warpsim.render.device_scene import DeviceScene
 
 F64 = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -82,16 +85,13 @@ class JacobianStamps:
 
         numbers = np.flatnonzero((self.view == view) & (self.band == band)).tolist()
         pixels = [self._pixels(number) for number in numbers]
-        row, value, length = [], [], []
-        for name in by:
-            column = PARAMETERS.index(name)
-            for number, own in zip(numbers, pixels, strict=True):
-                row.append(own)
-                value.append(self.values[self.first[number] : self.first[number] + len(own), column])
-                length.append(len(own))
+        columns = [PARAMETERS.index(name) for name in by]
+        values = [self.values[self.first[n] : self.first[n] + len(own)] for n, own in zip(numbers, pixels, strict=True)]
+        value = np.concatenate([*values, np.zeros((0, len(PARAMETERS)))])[:, columns].T.ravel()
+        row = np.tile(np.concatenate([*pixels, np.zeros(0, np.int64)]), len(columns))
+        length = np.tile([len(own) for own in pixels], len(columns))
         pointer = np.concatenate([[0], np.cumsum(length)]).astype(np.int64)
-        one = np.concatenate([*value, np.zeros(0)]), np.concatenate([*row, np.zeros(0, np.int64)]), pointer
-        return csc_array(one, shape=(self.shape[0] * self.shape[1], len(length)))
+        return csc_array((value, row, pointer), shape=(self.shape[0] * self.shape[1], len(length)))
 
     def _pixels(self, number: int) -> Ints:
         """Pixels of a window, counted along the rows of the image."""
@@ -134,11 +134,10 @@ class PointImages:
 
     def of_view(self, view: int) -> PointImages:
         """Return the sources of one view."""
-        one = slice(view, view + 1)
-        lists, paths = [array[one] if array.size else array for array in self.sources], None
+        lists, paths = [some_views(array, view, view + 1) for array in self.sources], None
         if self.paths is not None:
             offset_px, brightness = self.paths.offset_px, self.paths.brightness
-            offset_px, brightness = (array[one] if array.size else array for array in (offset_px, brightness))
+            offset_px, brightness = (some_views(array, view, view + 1) for array in (offset_px, brightness))
             paths = paths_struct(offset_px, brightness, self.paths.n_target)
         return replace(self, sources=lists, paths=paths)
 
@@ -210,9 +209,45 @@ class PointImages:
         if self.paths is not None:
             moves = to_numpy(self.paths.offset_px).reshape(*self.paths.offset_px.shape, 2)
             margin_px = margin_px + np.abs(moves).sum(axis=2, dtype=np.float64)[:, None]
-        size = np.array(self.shape[::-1])
         middle = np.nan_to_num(self.xy_px, nan=-1e9)[:, None]
-        half_px = margin_px + 0.5 + EDGE_PX
-        low = np.clip(np.ceil(middle - half_px), 0, size).astype(np.int64)
-        high = np.clip(np.floor(middle + half_px) + 1, low, size).astype(np.int64)
+        low, high = touched_pixels(middle, margin_px + 0.5 + EDGE_PX, self.shape)
         return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=-1)
+
+
+def touched_pixels(middle_px: F64, half_px: F64, shape: tuple[int, int]) -> tuple[Ints, Ints]:
+    """First pixels within so much of positions, and those past the last, cut to an image; (..., 2), column and row."""
+    size = np.array(shape[::-1])
+    low = np.clip(np.ceil(middle_px - half_px), 0, size).astype(np.int64)
+    return low, np.clip(np.floor(middle_px + half_px) + 1, low, size).astype(np.int64)
+
+
+def sources_of_views(scene: DeviceScene, seen: HostColumns, stars: Sequence[StarList] | None) -> PointImages:
+    """Return the sources of views as they were drawn: targets, in their order, and stars behind them, if given.
+
+    Paths of stars are straight: of these only the ends are kept. Their bend over an exposure is below 1e-3 px where
+    cameras turn evenly.
+    """
+    camera, device = scene.instrument.sensor.camera, scene.device
+    behind = (seen.observations["flags"] & int(BEHIND)) != 0
+    n_view, n_target = behind.shape
+    n_star = [len(one[0]) for one in stars] if stars else [0] * n_view
+    n_slot = n_target + max(n_star, default=0)
+    xy_px = np.full((n_view, n_slot, 2), -1e9)
+    light = np.zeros((n_view, scene.n_band, n_slot), dtype=np.float32)
+    offset_px = np.zeros((n_view, n_slot, scene.streaks.n_path, 2), dtype=np.float32)
+    xy_px[:, :n_target], offset_px[:, :n_target] = seen.observations["xy_px"], seen.offset_px
+    light[..., :n_target] = np.where(behind[:, None], np.float32(0.0), seen.irradiance_w_cm2)
+    for view, (xy, moved, irradiance, _) in enumerate(stars or ()):
+        own = slice(n_target, n_target + len(xy))
+        xy_px[view, own], light[view, :, own] = xy, irradiance.T
+        if scene.streaks.enabled:
+            offset_px[view, own, 1] = 0.5 * moved
+    given = ((np.array(n_star) + n_target, wp.int32), (xy_px, wp.vec2d), (light, wp.float32))
+    lists = [wp.array(np.ascontiguousarray(values), dtype=dtype, device=device) for values, dtype in given]
+    paths = None
+    if scene.streaks.enabled:
+        moving = wp.array(offset_px, dtype=wp.vec2, device=device)
+        brightness = seen.columns.to(device).brightness
+        assert brightness is not None
+        paths = paths_struct(moving, brightness, n_target)
+    return PointImages(scene.psf, lists, scene.stamp_rule, (camera.n_row, camera.n_col), paths)

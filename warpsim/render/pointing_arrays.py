@@ -1,4 +1,4 @@
-"""Pointing on a device: the kernel of the stage aim, and what it reads."""
+"""Pointing on a device: the kernel of the stage aim, what it reads, and pointing that somebody outside commands."""
 
 from __future__ import annotations
 
@@ -23,14 +23,16 @@ from warpsim_kernels.pointing import PointingLaw as LawStruct
 from warpsim_kernels.pointing_errors import N_STEP, STEPS_PER_CORRELATION, PointingError
 from warpsim_kernels.pointing_errors import Jitter as JitterStruct
 
-from warpsim.launches import to_numpy
-from warpsim.render.target_field import make_attitudes
+from warpsim.launches import struct_of
+from warpsim.render.device import kernel_loading
+from warpsim.render.target_field import make_attitudes, rows_once
 from warpsim.scene.camera_axes import PointingLaw
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.pointing import Bias, Drift, Jitter
-from warpsim.scene.pointing_table import DirectionRows
+from warpsim.scene.pointing_commands import AppliedCommand, PointingCommand, apply_command, checked_command
+from warpsim.scene.pointing_program import SensorProgram
+from warpsim.scene.scenario import Scenario
 from warpsim.streams import normals
-from warpsim.target.attitude_table import AttitudeRows
 
 _KINDS = {"track": LAW_TRACK, "fixed": LAW_FIXED, "scan": LAW_SCAN, "attitude": LAW_ATTITUDE}
 _UPS = {"zenith": UP_ZENITH, "north": UP_NORTH, "orbit_normal": UP_ORBIT_NORMAL}
@@ -40,31 +42,21 @@ _RAD_PER_URAD = 1e-6
 
 def make_pointing(instrument: Instrument, device: wp.Device) -> tuple[wp.Kernel, Any]:
     """Return the kernel of the stage aim, and the pointing of an instrument's sensors on a device."""
-    program = instrument.program
-    features = aim_features(instrument)
-    struct: Any = PointingStruct()
-    structs = [_law_struct(law, len(instrument.names)) for law in program.laws]
-    struct.laws = wp.array(structs, dtype=LawStruct, device=device)
-
-    def ints(values: Sequence[int]) -> wp.array:
-        return wp.array(np.asarray(values, dtype=np.int32), dtype=wp.int32, device=device)
-
-    struct.law = ints([own.steps[0].law for own in program.sensors])
+    features, sensors = aim_features(instrument), instrument.program.sensors
+    keys = [instrument.pointing_key(sensor) for sensor in range(len(sensors))]
+    given: dict[str, Any] = {
+        "laws": [_law_struct(law, len(sensors)) for law in instrument.program.laws],
+        "law": [own.steps[0].law for own in sensors],
+    }
     if features.steps:
-        _put_steps(struct, instrument, device)
-    if features.scan:
-        struct.rows = _scan_rows([own.scan for own in program.sensors], device)
-    if features.attitude:
-        _put_attitudes(struct.rows, [own.attitude for own in program.sensors], device)
+        given |= _steps(instrument)
+    if features.scan or features.attitude:
+        given["rows"] = _rows(sensors, device)
     if features.steady_errors:
-        errors = [_error_struct(instrument, sensor) for sensor in range(len(instrument.names))]
-        struct.errors = wp.array(errors, dtype=PointingError, device=device)
+        given["errors"] = [_error_struct(own, key) for own, key in zip(sensors, keys, strict=True)]
     if features.jitter:
-        jitters = [
-            jitter_struct(own.jitter, instrument.pointing_key(sensor)) for sensor, own in enumerate(program.sensors)
-        ]
-        struct.jitters = wp.array(jitters, dtype=JitterStruct, device=device)
-    return make_aim_kernel(features), struct
+        given["jitters"] = [jitter_struct(own.jitter, key) for own, key in zip(sensors, keys, strict=True)]
+    return make_aim_kernel(features), struct_of(PointingStruct, device, **given)
 
 
 def aim_features(instrument: Instrument) -> AimFeatures:
@@ -93,23 +85,26 @@ def _errs(error: Bias | Drift | None) -> bool:
 
 
 def _law_struct(law: PointingLaw, n_sensor: int) -> Any:
-    struct: Any = LawStruct()
-    struct.kind, struct.up_rule = _KINDS[law.kind], _UPS[law.up]
-    struct.first_tracked, struct.n_tracked = n_sensor + law.targets.start, len(law.targets)
-    if law.direction is not None:
-        struct.direction = wp.vec3d(*law.direction.tolist())
-    struct.local, struct.roll_rad = int(law.local), law.roll_rad
-    struct.turn = wp.mat33d(*law.turn.ravel().tolist())
-    return struct
+    return struct_of(
+        LawStruct,
+        kind=_KINDS[law.kind],
+        up_rule=_UPS[law.up],
+        first_tracked=n_sensor + law.targets.start,
+        n_tracked=len(law.targets),
+        direction=law.direction,
+        local=int(law.local),
+        roll_rad=law.roll_rad,
+        turn=law.turn,
+    )
 
 
-def _put_steps(struct: Any, instrument: Instrument, device: wp.Device) -> None:
-    """Steps of all sensors, those of each together; sensors with the same ones share them."""
+def _steps(instrument: Instrument) -> dict[str, Any]:
+    """Steps of all sensors, those of each together, as fields of the struct; sensors with the same ones share them."""
     known: dict[Any, int] = {}
     first: list[int] = []
-    count: list[int] = []
     rows: list[tuple[Any, ...]] = []
-    for sensor, own in enumerate(instrument.program.sensors):
+    sensors = instrument.program.sensors
+    for sensor, own in enumerate(sensors):
         turns = instrument.turns(sensor)
         key = (id(own.steps), turns)
         if key not in known:
@@ -119,61 +114,35 @@ def _put_steps(struct: Any, instrument: Instrument, device: wp.Device) -> None:
                 for step, turn in zip(own.steps, turns, strict=True)
             ]
         first.append(known[key])
-        count.append(len(own.steps))
-    start_s, law, turn_s, ramp, unsettled_s, vector = zip(*rows, strict=True)
-
-    def put(values: Any, dtype: Any) -> wp.array:
-        return wp.array(np.asarray(values), dtype=dtype, device=device)
-
-    struct.step_first, struct.step_count = put(first, wp.int32), put(count, wp.int32)
-    struct.step_start_s, struct.step_law = put(start_s, wp.float64), put(law, wp.int32)
-    struct.turn_s, struct.turn_ramp = put(turn_s, wp.float64), put(ramp, wp.float64)
-    struct.unsettled_s, struct.turn_vector = put(unsettled_s, wp.float64), put(vector, wp.vec3d)
-    struct.slews = put([int(own.slew is not None) for own in instrument.program.sensors], wp.int32)
+    names = ("step_start_s", "step_law", "turn_s", "turn_ramp", "unsettled_s", "turn_vector")
+    return {
+        "step_first": first,
+        "step_count": [len(own.steps) for own in sensors],
+        "slews": [int(own.slew is not None) for own in sensors],
+        **dict(zip(names, zip(*rows, strict=True), strict=True)),
+    }
 
 
-def _scan_rows(tables: Sequence[DirectionRows | None], device: wp.Device) -> Any:
-    """Rows of all tables, each once, and where those of each sensor begin."""
-    distinct = list(dict.fromkeys(table for table in tables if table is not None))
-    starts = dict(zip(distinct, np.cumsum([0, *(len(table.time_s) for table in distinct)]), strict=False))
-    rows: Any = ScanRows()
-    rows.time_s = wp.array(np.concatenate([table.time_s for table in distinct]), dtype=wp.float64, device=device)
-    rows.direction = wp.array(np.concatenate([table.direction for table in distinct]), dtype=wp.vec3d, device=device)
-    rows.roll_rad = wp.array(np.concatenate([table.roll_rad for table in distinct]), dtype=wp.float64, device=device)
-    first = [0 if table is None else starts[table] for table in tables]
-    count = [0 if table is None else len(table.time_s) for table in tables]
-    rows.first = wp.array(np.asarray(first, dtype=np.int32), dtype=wp.int32, device=device)
-    rows.count = wp.array(np.asarray(count, dtype=np.int32), dtype=wp.int32, device=device)
-    return rows
+def _rows(sensors: Sequence[SensorProgram], device: wp.Device) -> Any:
+    """Rows of tables of directions and of the attitudes of bodies, each once, and where those of each sensor begin."""
+    scans, spans = rows_once([own.scan for own in sensors], time_s=(), direction=(3,), roll_rad=())
+    attitudes, attitude_spans = make_attitudes([own.attitude for own in sensors], device)
+    pairs = zip(sensors, spans, attitude_spans, strict=True)
+    first, count = zip(*(scan if own.attitude is None else body for own, scan, body in pairs), strict=True)
+    return struct_of(ScanRows, device, **scans, attitudes=attitudes, first=first, count=count)
 
 
-def _put_attitudes(rows: Any, attitudes: Sequence[AttitudeRows | None], device: wp.Device) -> None:
-    """Add the attitude tables of bodies, and where those of each sensor begin, to the rows of scans."""
-    rows.attitudes, spans = make_attitudes([one for one in attitudes if one is not None], device)
-    of_sensor = iter(spans)
-    own = [None if one is None else next(of_sensor) for one in attitudes]
-    for name, part in (("first", 0), ("count", 1)):
-        scans = getattr(rows, name)
-        before = np.zeros(len(own), np.int32) if scans is None else to_numpy(scans)
-        values = [old if span is None else span[part] for old, span in zip(before.tolist(), own, strict=True)]
-        setattr(rows, name, wp.array(values, dtype=wp.int32, device=device))
-
-
-def _error_struct(instrument: Instrument, sensor: int) -> Any:
+def _error_struct(own: SensorProgram, key: int) -> Any:
     """Bias and drift of a sensor; what is drawn once is drawn here."""
-    own, key = instrument.program.sensors[sensor], instrument.pointing_key(sensor)
-    struct: Any = PointingError()
-    struct.seed_low, struct.seed_high = key & 0xFFFFFFFF, key >> 32
+    given: dict[str, Any] = {"seed_low": key & 0xFFFFFFFF, "seed_high": key >> 32}
     if own.bias is not None:
-        given = own.bias.urad
-        bias_urad = (own.bias.rms_urad or 0.0) * normals(key, "bias", 0, 2) if given is None else np.array(given)
-        struct.bias_rad = wp.vec2d(*(bias_urad * _RAD_PER_URAD).tolist())
+        rms_urad, urad = own.bias.rms_urad or 0.0, own.bias.urad
+        given["bias_rad"] = (rms_urad * normals(key, "bias", 0, 2) if urad is None else np.array(urad)) * _RAD_PER_URAD
     if own.drift is not None:
-        rates = own.drift.urad_s or (0.0, 0.0)
-        struct.drift_rad_s = wp.vec2d(*(np.array(rates) * _RAD_PER_URAD).tolist())
-        struct.drift_rms_rad_s = (own.drift.rms_urad_s or 0.0) * _RAD_PER_URAD
-        struct.reset_s = own.drift.reset_s or 0.0
-    return struct
+        given["drift_rad_s"] = np.array(own.drift.urad_s or (0.0, 0.0)) * _RAD_PER_URAD
+        given["drift_rms_rad_s"] = (own.drift.rms_urad_s or 0.0) * _RAD_PER_URAD
+        given["reset_s"] = own.drift.reset_s or 0.0
+    return struct_of(PointingError, **given)
 
 
 def jitter_struct(jitter: Jitter | None, key: int) -> Any:
@@ -182,18 +151,60 @@ def jitter_struct(jitter: Jitter | None, key: int) -> Any:
     With d the step in correlation times, a state (angle, change per step) decays by the matrix exponential of
     [[0, 1], [-4 d^2, -4 d]]; the shocks have the covariance that keeps (rms^2, (2 d rms)^2) stationary.
     """
-    struct: Any = JitterStruct()
     if jitter is None or jitter.rms_urad == 0:
-        return struct
+        return JitterStruct()
     d = 1.0 / STEPS_PER_CORRELATION
     rms_rad = jitter.rms_urad * _RAD_PER_URAD
     decay = np.exp(-2 * d) * np.array([[1 + 2 * d, 1.0], [-4 * d * d, 1 - 2 * d]])
     stationary = np.diag([1.0, 4 * d * d])
-    spread = rms_rad * np.linalg.cholesky(stationary - decay @ stationary @ decay.T)
-    forgotten = np.linalg.matrix_power(decay, N_STEP)
-    struct.step_s = jitter.correlation_s * d
-    struct.decay, struct.spread, struct.forgotten = (
-        wp.mat22d(*matrix.ravel().tolist()) for matrix in (decay, spread, forgotten)
+    return struct_of(
+        JitterStruct,
+        step_s=jitter.correlation_s * d,
+        decay=decay,
+        spread=rms_rad * np.linalg.cholesky(stationary - decay @ stationary @ decay.T),
+        forgotten=np.linalg.matrix_power(decay, N_STEP),
+        seed_low=key & 0xFFFFFFFF,
+        seed_high=key >> 32,
     )
-    struct.seed_low, struct.seed_high = key & 0xFFFFFFFF, key >> 32
-    return struct
+
+
+class CommandedPointing:
+    """Pointing of the sensors of a stream, as commanded so far.
+
+    Args:
+        scenario: What the frames are of.
+        instrument: The kind of the sensors.
+        sensors: Names of those rendered.
+        devices: Where they are rendered.
+    """
+
+    def __init__(
+        self, scenario: Scenario, instrument: Instrument, sensors: Sequence[str], devices: Sequence[wp.Device]
+    ) -> None:
+        self._scenario, self._own, self._sensors, self._devices = scenario, instrument, sensors, devices
+        self.instrument = instrument
+        """The kind of the sensors, as it is pointed from now on."""
+
+    def load(self) -> None:
+        """Load the kernel of commanded pointing, so that frames need not wait for it."""
+        instrument = self._own.commanded(self._own.program, {})
+        for device in self._devices:
+            loading = kernel_loading(device)
+            loading.start(make_aim_kernel(aim_features(instrument)))
+            loading.wait()
+
+    def checked(self, command: Any) -> PointingCommand:
+        """Return a command once it can be carried out without delay."""
+        checked = checked_command(command, self._scenario, self._sensors)
+        self.load()
+        return checked
+
+    def planned(
+        self, command: PointingCommand, before: Instrument, frame: int
+    ) -> tuple[Instrument, list[AppliedCommand]]:
+        """Return the instrument, as it was before, pointed from a frame on, and what that does."""
+        return apply_command(command, self._scenario, before, frame)
+
+    def restart(self) -> None:
+        """Point as the scene says."""
+        self.instrument = self._own

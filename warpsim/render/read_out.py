@@ -18,6 +18,7 @@ from warpsim.detector.detectors import ElectronDetector, NeiDetector
 from warpsim.detector.levels import ElectronLevels, Levels
 from warpsim.detector.pixel_maps import SENSOR_FIELD, read_maps
 from warpsim.errors import InputError
+from warpsim.launches import struct_of
 from warpsim.scene.instrument import Instrument
 
 LARGEST_DEVIATE = 6.67
@@ -52,12 +53,14 @@ def make_read_out(instrument: Instrument, bands: Sequence[str], device: wp.Devic
     """
     detector, levels, camera = instrument.sensor.detector, instrument.levels, instrument.sensor.camera
     features = read_out_features(detector, levels)
-    arrays: Any = detector_struct(features)()
-    pixels = [_scalars(detector, levels[band]) for band in bands]
-    arrays.pixels = wp.array(pixels, dtype=PixelScalars, device=device)
-    keys = [_key(instrument.noise_key(sensor)) for sensor in range(len(instrument.names))]
-    arrays.keys = wp.array(keys, dtype=wp.vec2ui, device=device)
-    arrays.n_pixel, arrays.n_col = camera.n_row * camera.n_col, camera.n_col
+    arrays = struct_of(
+        detector_struct(features),
+        device,
+        pixels=[_scalars(detector, levels[band]) for band in bands],
+        keys=[(key & 0xFFFFFFFF, key >> 32) for key in map(instrument.noise_key, range(len(instrument.names)))],
+        n_pixel=camera.n_row * camera.n_col,
+        n_col=camera.n_col,
+    )
     if detector.maps_file is not None:
         arrays.maps = _maps_struct(instrument, bands, device, dark)
     return ReadOut(features, arrays, make_read_out_kernel(features))
@@ -77,25 +80,21 @@ def _maps_struct(instrument: Instrument, bands: Sequence[str], device: wp.Device
         offset = np.where(dark_e > 0.0, offset / np.where(dark_e > 0.0, dark_e, 1.0) - 1.0, 0.0)
     offset = np.nan_to_num(offset)  # without a map of them offsets are 0, and dark currents the detector's own
     words = np.array([_GOOD_WORD, 0, 0xFFFFFFFF], dtype=np.uint32)[maps.bad]
-    struct: Any = PixelMaps()
     n_pixel = camera.n_row * camera.n_col
-    struct.stride = -(-n_pixel // STRIP_PIXELS) * STRIP_PIXELS
-    struct.by_sensor = int(len(maps.gain) > 1 or SENSOR_FIELD in detector.maps_file)
+    stride = -(-n_pixel // STRIP_PIXELS) * STRIP_PIXELS
 
-    def planes(values: Any, dtype: Any) -> wp.array:
-        flat = values.reshape(-1, n_pixel)
-        padded = np.zeros((len(flat), struct.stride), dtype=flat.dtype)
-        padded[:, :n_pixel] = flat
-        return wp.array(padded.ravel(), dtype=dtype, device=device)
+    def planes(values: Any) -> Any:
+        return np.pad(values.reshape(-1, n_pixel), ((0, 0), (0, stride - n_pixel))).ravel()
 
-    struct.gain = planes((maps.gain - 1.0).astype(np.float32), wp.float32)
-    struct.offset, struct.bad = planes(offset.astype(np.float32), wp.float32), planes(words, wp.uint32)
-    return struct
-
-
-def _key(bits: int) -> Any:
-    """64 bits as two words."""
-    return wp.vec2ui(bits & 0xFFFFFFFF, bits >> 32)
+    return struct_of(
+        PixelMaps,
+        device,
+        stride=stride,
+        by_sensor=int(len(maps.gain) > 1 or SENSOR_FIELD in detector.maps_file),
+        gain=planes((maps.gain - 1.0).astype(np.float32)),
+        offset=planes(offset),
+        bad=planes(words),
+    )
 
 
 def read_out_features(detector: NeiDetector | ElectronDetector, levels: Mapping[str, Levels]) -> ReadOutFeatures:

@@ -12,25 +12,24 @@ from typing import TYPE_CHECKING, Any
 import warp as wp
 from warpsim_kernels.stamp_sizes import size_table_stamps_kernel
 
-from warpsim.arguments import whole_number
+from warpsim.arguments import frame_numbers, whole_number
 from warpsim.errors import InputError
 from warpsim.pool import pool_of
 from warpsim.radiometry.band import Band
-from warpsim.render.batch import Batch, HostColumns, new_batch
-from warpsim.render.commanded import CommandedPointing
+from warpsim.render.batch import Batch, HostColumns, inputs_of_views, new_batch, new_columns
 from warpsim.render.device import chosen_devices, kernel_loading, worker_count
 from warpsim.render.device_scene import Streaks
 from warpsim.render.device_upload import make_device_scene, with_pointing
 from warpsim.render.frame_stream import FrameStream
 from warpsim.render.frameset import FrameSet
 from warpsim.render.image_stack import ImageStack
-from warpsim.render.observation import observe
 from warpsim.render.pipelines import Pipelines
+from warpsim.render.pointing_arrays import CommandedPointing
 from warpsim.render.request import Request, checked_rate, checked_request
 from warpsim.render.stars import Skies
 from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, Stream, StreamStats, stream_sizes
 from warpsim.render.tiled_stars import with_stars_of
-from warpsim.render.truth import ImageAxes, truth_table
+from warpsim.render.truth import observe, truth_table
 from warpsim.scene.description import SceneDescription
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
@@ -39,6 +38,9 @@ from warpsim.sky.catalog import StarCatalog
 
 if TYPE_CHECKING:
     from astropy.table import Table
+
+VIEWS_AT_A_TIME = 1024
+"""Of truth without images."""
 
 
 class Renderer:
@@ -192,12 +194,14 @@ class Renderer:
         Raises:
             InputError: As in `render`.
         """
-        request = checked_request(self.scenario, frames, sensors, bands, (False, False))
+        request = checked_request(self.scenario, frames, sensors, bands)
         with self._lock:
-            scene = self._pipelines_of(request.instrument, tuple(request.bands)).scene
-            columns = observe(scene, request.frames, request.sensors, self._threads)
-        axes = ImageAxes(self.scenario, request.instrument, list(request.frames), request.sensors, request.bands)
-        return truth_table(axes, scene, HostColumns(columns))
+            scene, instrument = self._pipelines_of(request.instrument, tuple(request.bands)).scene, request.instrument
+            numbers, rows = frame_numbers(request.frames), [instrument.index(name) for name in request.sensors]
+            inputs = inputs_of_views(scene.device, instrument.frame_time_s(numbers), rows, numbers)
+            columns = new_columns(scene, len(inputs.frame))
+            observe(scene, inputs, columns, VIEWS_AT_A_TIME, self._threads)
+        return truth_table(request, scene, HostColumns(columns))
 
     def stream(
         self,

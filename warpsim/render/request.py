@@ -27,8 +27,9 @@ LEAST_RATE_HZ = 1e-6
 
 @dataclass(frozen=True)
 class Request:
-    """Arguments of a render call, checked."""
+    """Arguments of a render call, checked: labels of the axes of its images."""
 
+    scenario: Scenario
     instrument: Instrument
     """Kind of the sensors."""
     frames: Sequence[int]
@@ -37,10 +38,20 @@ class Request:
     """Names."""
     bands: list[str]
     """Names."""
-    keep_signal: bool
+    keep_signal: bool = False
     """Whether the noiseless irradiance per pixel is kept."""
-    keep_stars: bool
+    keep_stars: bool = False
     """Whether the stars in each view are listed."""
+
+    @property
+    def time_s(self) -> npt.NDArray[np.float64]:
+        """Times of the frames after the epoch [s], (n_frame,)."""
+        return self.instrument.frame_time_s(self.frames)
+
+    @property
+    def nei_w_cm2(self) -> npt.NDArray[np.float64]:
+        """Noise equivalent irradiance in each band [W/cm2], (n_band,)."""
+        return np.array([self.instrument.nei_w_cm2(band) for band in self.bands])
 
     @property
     def bytes_per_frame(self) -> int:
@@ -54,7 +65,7 @@ def checked_request(
     frames: Iterable[int] | None,
     sensors: str | Sequence[str] | None,
     bands: str | Sequence[str] | None,
-    keep: tuple[bool, bool],
+    keep: tuple[bool, bool] = (False, False),
 ) -> Request:
     """Return the arguments of a render call.
 
@@ -72,7 +83,7 @@ def checked_request(
     check_maps_files(instrument.sensor.detector.maps_file, sensor_list)
     numbers = range(instrument.frames.count) if frames is None else frames
     frame_list = checked_frames(numbers, instrument, scenario.scene.duration_s)
-    return Request(instrument, frame_list, sensor_list, band_list, *keep)
+    return Request(scenario, instrument, frame_list, sensor_list, band_list, *keep)
 
 
 def checked_rate(rate_hz: float | None) -> float | None:

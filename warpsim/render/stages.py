@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import warp as wp
 from warpsim_kernels.artifacts import add_flicker_kernel, add_hits_kernel
-from warpsim_kernels.background import add_image_kernel, image_of_targets_kernel
+from warpsim_kernels.background import add_image_kernel, image_of_targets_kernel, stray_light_kernel
 from warpsim_kernels.canvas import N_PAIR, STRIP_PIXELS, STRIPS_PER_BLOCK
 from warpsim_kernels.deposit_read_out import RUN_PIXELS, make_deposit_read_out_kernel
 from warpsim_kernels.emission import make_split_kernel
@@ -31,7 +31,7 @@ from warpsim.detector.artifacts import has_artifacts
 from warpsim.launches import THREADS_PER_BLOCK_CUDA, Launch, Stage
 from warpsim.optics.psf_bank import PsfBank, paths_struct
 from warpsim.render.batch import Columns, Inputs
-from warpsim.render.buffers import BackgroundNodes, ExposureViews, RowViews, Signal
+from warpsim.render.buffers import BackgroundNodes, ExposureViews, RowViews, Signal, TimedViews, ViewArrays
 from warpsim.render.device import rows_per_block
 from warpsim.render.device_artifacts import FLICKER, HIT, DeviceArtifacts
 from warpsim.render.device_scene import Streaks
@@ -47,70 +47,47 @@ RUN_THREADS = 128
 """Threads that draw and read out a run of pixels. On an H200 256 take 1.35 times as long, and 64 take 1.2 times."""
 
 
-def view_stages(
-    scene: DeviceScene,
-    inputs: Inputs,
-    columns: Columns,
-    sources: Any,
-    area_series: wp.array,
-    exposure: ExposureViews | None,
-    rows: RowViews | None,
-) -> list[Stage]:
-    """Return the stages that find the sources of views; `exposure` where light moves, `rows` where rows differ."""
-    stages = target_stages(scene, inputs, columns, sources, area_series, exposure, rows)
-    stars = gather_stars(scene, inputs, columns.views, sources)
-    stages.insert(1 if rows is not None else 2, stars)
+def view_stages(scene: DeviceScene, own: ViewArrays) -> list[Stage]:
+    """Return the stages that find the sources of views."""
+    stages = target_stages(scene, own)
+    stars = gather_stars(scene, own.inputs, own.columns.views, own.sources)
+    stages.insert(1 if own.rows is not None else 2, stars)
     return stages
 
 
-def target_stages(
-    scene: DeviceBodies,
-    inputs: Inputs,
-    columns: Columns,
-    sources: Any,
-    area_series: wp.array,
-    exposure: ExposureViews | None,
-    rows: RowViews | None,
-) -> list[Stage]:
+def target_stages(scene: DeviceBodies, own: ViewArrays) -> list[Stage]:
     """Return the stages that find targets alone."""
-    first = aim(scene, inputs, columns.views, exposure)
-    targets = observe_targets(scene, inputs, columns, sources, area_series, rows)
-    if exposure is None:
+    inputs, columns, sources, rows = own.inputs, own.columns, own.sources, own.rows
+    first = aim(scene, inputs, columns.views, own.exposure)
+    targets = observe_targets(scene, inputs, columns, sources, own.area_series, rows)
+    if own.exposure is None:
         return [first, targets]
     if rows is None:
-        return [first, targets, trace(scene, scene.streaks, exposure, sources, columns.offset_px)]
-    paths = trace(scene, scene.streaks, exposure, rows.sources, columns.offset_px)
+        return [first, targets, trace(scene, scene.streaks, own.exposure, sources, columns.offset_px)]
+    paths = trace(scene, scene.streaks, own.exposure, rows.sources, columns.offset_px)
     found = roll(scene, inputs, columns, sources, rows)
-    return [first, locate_targets(scene, exposure, sources), paths, found, targets]
+    return [first, locate_targets(scene, own.exposure, sources), paths, found, targets]
 
 
 def aim(scene: DeviceBodies, inputs: Inputs, views: wp.array, exposure: ExposureViews | None = None) -> Stage:
     """Views: camera axes, position and velocity from the tracks and the pointing; where light moves, in between too."""
-    launches = [_aim(scene, inputs.time_s, inputs.time_s, inputs.sensor, views)]
+    launches = [_aim(scene, TimedViews(inputs.time_s, inputs.time_s, inputs.sensor, views))]
     if exposure is not None:
+        at, when = exposure, [exposure.time_s, exposure.middle_s, exposure.sensor]
+        reads, device = [inputs.time_s, inputs.sensor, at.offset_s], scene.device
+        reach = make_reach_kernel(scene.field.features.distortion)
         launches += [
-            Launch(
-                spread_views_kernel,
-                exposure.time_s.shape,
-                [inputs.time_s, inputs.sensor, exposure.offset_s],
-                [exposure.time_s, exposure.middle_s, exposure.sensor],
-                scene.device,
-            ),
-            _aim(scene, exposure.time_s, exposure.middle_s, exposure.sensor, exposure.views),
-            Launch(
-                make_reach_kernel(scene.field.features.distortion),
-                views.shape,
-                [exposure.views, scene.camera, scene.sample_points],
-                [views],
-                scene.device,
-            ),
+            Launch(spread_views_kernel, at.time_s.shape, reads, when, device),
+            _aim(scene, at),
+            Launch(reach, views.shape, [at.views, scene.camera, scene.sample_points], [views], device),
         ]
     return Stage("aim", len(views), launches)
 
 
-def _aim(scene: DeviceBodies, time_s: wp.array, middle_s: wp.array, sensor: wp.array, views: wp.array) -> Launch:
-    inputs = [time_s.flatten(), middle_s.flatten(), sensor.flatten(), scene.tracks, scene.pointing]
-    return Launch(scene.aim_kernel, (time_s.size,), inputs, [views.flatten()], scene.device)
+def _aim(scene: DeviceBodies, own: TimedViews) -> Launch:
+    times = [own.time_s.flatten(), own.middle_s.flatten(), own.sensor.flatten()]
+    reads = [*times, scene.tracks, scene.pointing]
+    return Launch(scene.aim_kernel, (own.time_s.size,), reads, [own.views.flatten()], scene.device)
 
 
 def observe_targets(
@@ -122,29 +99,17 @@ def observe_targets(
     rows: RowViews | None = None,
 ) -> Stage:
     """Observe each target, at its row's time where that has one, and fill the first source slots."""
-    field, n_view = scene.field, len(columns.views)
+    field, n_view, device = scene.field, len(columns.views), scene.device
+    bodies, seen, n_thread = field.bodies, columns.observations, field.threads_per_view
     time_s, views = inputs.time_s, columns.views
     if rows is not None:
         time_s, views = rows.time_s.flatten(), rows.views.flatten()
-    launches = [
-        Launch(
-            field.observe_kernel,
-            (n_view, field.threads_per_view),
-            [time_s, views, scene.tracks, field.bodies, scene.camera, field.threads_per_view],
-            [sources, columns.observations, columns.irradiance_w_cm2, area_series],
-            scene.device,
-        )
-    ]
+    reads = [time_s, views, scene.tracks, bodies, scene.camera, n_thread]
+    writes = [sources, seen, columns.irradiance_w_cm2, area_series]
+    launches = [Launch(field.observe_kernel, (n_view, n_thread), reads, writes, device)]
     if field.profile_kernel is not None:
-        launches.append(
-            Launch(
-                field.profile_kernel,
-                (n_view, scene.n_band, scene.n_target),
-                [field.bodies.surfaces, field.bodies.radiance, columns.observations, area_series],
-                [columns.brightness],
-                scene.device,
-            )
-        )
+        dim, reads = (n_view, scene.n_band, scene.n_target), [bodies.surfaces, bodies.radiance, seen, area_series]
+        launches.append(Launch(field.profile_kernel, dim, reads, [columns.brightness], device))
     return Stage("observe_targets", n_view, launches)
 
 
@@ -171,22 +136,13 @@ def trace(
 ) -> Stage:
     """Sources: how they move during the exposure."""
     n_view, n_slot = sources.xy_px.shape
-    distortion = scene.field.features.distortion
+    n_target, camera, device = scene.n_target, scene.camera, scene.device
+    distortion, views, instants = scene.field.features.distortion, exposure.views, streaks.instants
+    of_targets, of_stars = make_trace_targets_kernel(distortion), make_trace_stars_kernel(distortion)
+    reads, writes = [exposure.time_s, views, scene.tracks, camera, instants], [sources, offset_px]
     launches = [
-        Launch(
-            make_trace_targets_kernel(distortion),
-            (n_view, scene.n_target),
-            [exposure.time_s, exposure.views, scene.tracks, scene.camera, streaks.instants],
-            [sources, offset_px],
-            scene.device,
-        ),
-        Launch(
-            make_trace_stars_kernel(distortion),
-            (n_view, n_slot - scene.n_target),
-            [exposure.views, scene.camera, streaks.instants, scene.n_target],
-            [sources],
-            scene.device,
-        ),
+        Launch(of_targets, (n_view, n_target), reads, writes, device),
+        Launch(of_stars, (n_view, n_slot - n_target), [views, camera, instants, n_target], [sources], device),
     ]
     return Stage("trace", n_view, launches)
 
@@ -202,23 +158,13 @@ def locate_targets(scene: DeviceBodies, exposure: ExposureViews, sources: Any) -
 def roll(scene: DeviceBodies, inputs: Inputs, columns: Columns, sources: Any, rows: RowViews) -> Stage:
     """Sources at the times of their rows, of paths over those of all rows; and the targets' own views then."""
     n_view, n_slot = sources.xy_px.shape
-    row_roll, window_px = scene.streaks.roll, rows.sources.offset_px
+    n_target, device, row_roll, window_px = scene.n_target, scene.device, scene.streaks.roll, rows.sources.offset_px
+    reads, times = [inputs.time_s, inputs.sensor, row_roll, window_px], [rows.time_s, rows.middle_s, rows.sensor]
+    writes = [sources, columns.offset_px, columns.row_time_s, *times]
     launches = [
-        Launch(
-            roll_targets_kernel,
-            (n_view, scene.n_target),
-            [inputs.time_s, inputs.sensor, row_roll, window_px],
-            [sources, columns.offset_px, columns.row_time_s, rows.time_s, rows.middle_s, rows.sensor],
-            scene.device,
-        ),
-        Launch(
-            roll_stars_kernel,
-            (n_view, n_slot - scene.n_target),
-            [row_roll, window_px, scene.n_target],
-            [sources],
-            scene.device,
-        ),
-        _aim(scene, rows.time_s, rows.middle_s, rows.sensor, rows.views),
+        Launch(roll_targets_kernel, (n_view, n_target), reads, writes, device),
+        Launch(roll_stars_kernel, (n_view, n_slot - n_target), [row_roll, window_px, n_target], [sources], device),
+        _aim(scene, rows),
     ]
     return Stage("roll", n_view, launches)
 
@@ -231,16 +177,8 @@ def background(
     assert own is not None
     n_image, (n_row, n_col) = n_view * scene.n_band, signal.images.shape[2:]
     sky, earth = nodes.sky_w_cm2[:n_view], nodes.earth_km[:n_view]
-    launches = [
-        Launch(
-            own.add_kernel,
-            [n_image * n_row],
-            [own.struct, sky, earth, n_col, n_row],
-            [signal.flat, signal.touched.flatten()],
-            scene.device,
-            own.n_thread,
-        )
-    ]
+    reads, writes = [own.struct, sky, earth, n_col, n_row], [signal.flat, signal.touched.flatten()]
+    launches = [Launch(own.add_kernel, [n_image * n_row], reads, writes, scene.device, own.n_thread)]
     if own.image_w_cm2 is not None:
         reads = [own.image_w_cm2.flatten(), n_row * n_col, scene.n_band]
         launches.append(Launch(add_image_kernel, [n_image * n_row * n_col], reads, [signal.flat], scene.device))
@@ -257,7 +195,7 @@ def background_of_targets(
     sky, earth = nodes.sky_w_cm2[:n_view], nodes.earth_km[:n_view]
     stray, views = nodes.stray_w_cm2_sr[:n_view], [inputs.time_s, columns.views, own.struct]
     dim, out, device = (n_view, scene.n_target), [columns.background_w_cm2], scene.device
-    launches = [Launch(own.stray_kernel, (n_view,), views, [stray], device)] if own.stray else []
+    launches = [Launch(stray_light_kernel, (n_view,), views, [stray], device)] if own.stray else []
     launches += [
         Launch(own.nodes_kernel, (n_view, own.n_node), [*views, stray], [sky, earth], device),
         Launch(own.targets_kernel, dim, [sources.xy_px, own.struct, sky, earth], out, device),
@@ -324,7 +262,7 @@ def is_read_out_at_once(scene: DeviceBodies) -> bool:
     """
     camera, detector = scene.instrument.sensor.camera, scene.instrument.sensor.detector
     whole = camera.n_row * camera.n_col % STRIP_PIXELS == 0
-    in_memory = scene.streaks.enabled or scene.has_background or has_artifacts(detector)
+    in_memory = scene.streaks.enabled or scene.instrument.background.is_on or has_artifacts(detector)
     return scene.device.is_cuda and not (in_memory or detector.maps_file is not None) and whole
 
 

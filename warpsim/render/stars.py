@@ -17,14 +17,13 @@ from warpsim_kernels.stars import EarthOrbit, StarFeatures, StarField, make_gath
 from warpsim.constants import JULIAN_YEAR_DAYS
 from warpsim.errors import InputError
 from warpsim.instant import Instant
-from warpsim.launches import to_numpy
+from warpsim.launches import struct_of, to_numpy
 from warpsim.optics.psf_bank import PsfBank
 from warpsim.radiometry.band import Band
 from warpsim.scene.environment import BUILT_IN_CATALOGS, Sky
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.sensors import Sensor
-from warpsim.scene.tracks import Tracks
 from warpsim.sky.band_index import BandIndex
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.hats import is_hats
@@ -32,17 +31,13 @@ from warpsim.sky.readers.options import ReadOptions
 from warpsim.sky.tiles import StarTiles
 
 
-def read_options(sky: Sky) -> ReadOptions:
-    """Return how the catalog file of a sky is read."""
-    return ReadOptions(sky.format, sky.columns, sky.table, sky.epoch_jyear, None, sky.region, sky.limit).checked()
-
-
 def tiles_of(sky: Sky) -> StarTiles | None:
     """Return the tiles of a sky whose catalog is a HATS folder, all of it; None of any other."""
     if sky.catalog in BUILT_IN_CATALOGS or sky.region or sky.limit or not is_hats(Path(sky.catalog)):
         return None
     try:
-        return StarTiles(Path(sky.catalog), read_options(sky))
+        options = ReadOptions(sky.format, sky.columns, sky.table, sky.epoch_jyear, None, sky.region, sky.limit)
+        return StarTiles(Path(sky.catalog), options.checked())
     except InputError as error:
         raise _of_sky(error) from None
 
@@ -57,19 +52,10 @@ def load_catalog(sky: Sky, bands: Iterable[Band] = ()) -> StarCatalog:
         if sky.catalog == "union":
             return StarCatalog.union()
         if sky.synthetic is not None:
-            synthetic = sky.synthetic
-            return StarCatalog.synthetic(
-                synthetic.n_star, limit_jy=synthetic.limit_jy, sky=synthetic.sky, seed=synthetic.seed
-            )
-        return StarCatalog.read(
-            sky.catalog,
-            sky.format,
-            columns=sky.columns,
-            table=sky.table,
-            epoch_jyear=sky.epoch_jyear,
-            region=sky.region,
-            limit=sky.limit,
-        )
+            own = sky.synthetic
+            return StarCatalog.synthetic(own.n_star, limit_jy=own.limit_jy, sky=own.sky, seed=own.seed)
+        names = ("columns", "table", "epoch_jyear", "region", "limit")
+        return StarCatalog.read(sky.catalog, sky.format, **{name: getattr(sky, name) for name in names})
     except InputError as error:
         raise _of_sky(error) from None
 
@@ -200,24 +186,33 @@ def make_stars(
     sensor, sky, rows, device = instrument.sensor, scenario.scene.sky, index.star_row, index.device
     irradiance = np.stack([index.catalog.irradiance_w_cm2(instrument.bands[name], sky.physics)[rows] for name in bands])
     light = wp.array(irradiance.astype(np.float32), dtype=wp.float32, device=device)
-    half_width = _half_width_px(light, psf, stamp_rule)
+    half_width = half_width_px(light, psf, stamp_rule)
     parallax_rad = np.zeros(0)
     if sky.parallax:
         # A negative parallax is a measuring error of one near 0.
         parallax_rad = np.fmax(index.catalog.parallax_mas[rows], 0.0) * _MAS_RAD
     margin_px = float(half_width.max(initial=0)) + 1.0
-    field: Any = StarField()
-    field.cell_start = index.cell_start_array
-    field.direction = index.direction_array
-    field.irradiance_w_cm2 = light
-    field.half_width_px = wp.array(half_width, dtype=wp.int32, device=device)
-    field.parallax_rad = wp.array(parallax_rad, dtype=wp.float32, device=device)
     # The distance to the Sun varies by 2 %: an observer may see a little more than the parallax.
-    field.radius_rad = (
-        sensor.camera.half_diagonal_rad(margin_px) + LARGEST_SHIFT_RAD + 1.1 * parallax_rad.max(initial=0.0)
+    radius_rad = sensor.camera.half_diagonal_rad(margin_px) + LARGEST_SHIFT_RAD + 1.1 * parallax_rad.max(initial=0.0)
+    field = struct_of(
+        StarField,
+        device,
+        cell_start=index.cell_start_array,
+        direction=index.direction_array,
+        irradiance_w_cm2=light,
+        half_width_px=half_width,
+        parallax_rad=parallax_rad,
+        radius_rad=radius_rad,
+        cosine=float(np.cos(min(radius_rad, np.pi))),
     )
-    field.cosine = float(np.cos(min(field.radius_rad, np.pi)))
-    return SceneStars(index, field, _earth_orbit(scenario.tracks, grid, device), star_features(sky, sensor))
+    orbit = struct_of(
+        EarthOrbit,
+        device,
+        barycentric_m=scenario.tracks.earth_barycentric_m,
+        heliocentric_m=scenario.tracks.earth_heliocentric_m,
+        grid=grid,
+    )
+    return SceneStars(index, field, orbit, star_features(sky, sensor))
 
 
 def star_threads(device: wp.Device) -> int:
@@ -236,21 +231,8 @@ def star_kernel(features: StarFeatures, device: wp.Device) -> wp.Kernel:
     return make_gather_stars_kernel(features, star_threads(device))
 
 
-def _earth_orbit(tracks: Tracks, grid: NodeGrid, device: wp.Device) -> Any:
-    orbit: Any = EarthOrbit()
-    orbit.barycentric_m = wp.array(tracks.earth_barycentric_m, dtype=wp.vec3d, device=device)
-    orbit.heliocentric_m = wp.array(tracks.earth_heliocentric_m, dtype=wp.vec3d, device=device)
-    orbit.grid = grid
-    return orbit
-
-
-def widest_stamp_px(irradiance: wp.array, psf: PsfBank, stamp_rule: Any) -> int:
-    """Return the half-width of the widest stamp of some stars, of irradiances (n_band, n_star)."""
-    return int(_half_width_px(irradiance, psf, stamp_rule).max(initial=0))
-
-
-def _half_width_px(irradiance: wp.array, psf: PsfBank, stamp_rule: Any) -> npt.NDArray[np.int32]:
-    """Widest stamp of each star over the bands, by the rule that deposit follows; shape (n_star,)."""
+def half_width_px(irradiance: wp.array, psf: PsfBank, stamp_rule: Any) -> npt.NDArray[np.int32]:
+    """Return the widest stamp of each star over the bands, by the rule that deposit follows; shape (n_star,)."""
     if irradiance.size == 0:
         return np.zeros(irradiance.shape[1], dtype=np.int32)
     half_width = wp.empty(irradiance.shape, dtype=wp.int32, device=irradiance.device)

@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from warpsim.errors import InputError
-from warpsim.render.commanded import CommandedPointing
 from warpsim.render.frameset import FrameSet
+from warpsim.render.pointing_arrays import CommandedPointing
 from warpsim.scene.pointing_commands import AppliedCommand
 
 GROUP_S = 0.005

@@ -13,18 +13,17 @@ import warp as wp
 from warpsim_kernels.earth import Earth
 from warpsim_kernels.emission import RadianceTable, Surfaces, make_profile_kernel
 from warpsim_kernels.motion import Attitude as AttitudeStruct
-from warpsim_kernels.shapes import Body
 from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, Target
 from warpsim_kernels.targets import Bodies, make_observe_targets_kernel
 from warpsim_kernels.timed_tables import AttitudeTables, TemperatureTables
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
+from warpsim.launches import struct_of
 from warpsim.legendre import series_matrix
 from warpsim.orbit.earth import EARTH_POLAR_RADIUS_M
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band, band_radiance_w_m2_sr
 from warpsim.scene.environment import Lighting
-from warpsim.scene.exposure import ExposureRule
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.light_terms import LightTerm
 from warpsim.scene.scenario import Scenario
@@ -36,9 +35,10 @@ from warpsim.target.earth_light import albedo_degree, albedo_table, infrared_tab
 from warpsim.target.patches import patch_areas
 from warpsim.target.surface import Graybody, Light
 from warpsim.target.temperature import TemperatureRows
-from warpsim.target.torque_free import Nutation, TorqueFreeMotion
+from warpsim.target.torque_free import TorqueFreeMotion
 
 F64 = npt.NDArray[np.float64]
+Span = tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -91,29 +91,33 @@ def make_target_field(
         rolling=rolling,
         **{name: term.kept for name, term in terms.items()},
     )
-    exposure = _exposure(instrument.exposure_rule, device)
-    tables: Any = Tables()
-    tables.attitudes, tables.facets, tables.temperatures = attitudes, facets.facets, temperatures
-    tables.nutations = nutations
-    structs = _target_structs(scenario, attitude_spans, temperature_spans, nutation_spans, facets.first)
-    bodies: Any = Bodies()
-    bodies.targets = wp.array(structs, dtype=Target, device=device)
-    bodies.tables, bodies.exposure = tables, exposure
-    bodies.surroundings = _surroundings(scenario.tracks, features, device)
-    bodies.patches = wp.array(
-        [body_struct(part, first) for part, first in list(zip(parts, facets.first, strict=True))[len(targets) :]],
-        dtype=Body, device=device,
-    )  # fmt: skip
-    bodies.surfaces = surfaces_struct(own, spectral, lighting, own_bands, device)
+    weight = instrument.exposure_rule.weight
     first_patch = len(targets) + np.cumsum([0, *map(len, patches)])
-    bodies.surfaces.first_patch = wp.array(first_patch, dtype=wp.int32, device=device)
-    bodies.radiance = make_radiance(own_bands, span_k, device, spectral)
+    bodies = struct_of(
+        Bodies,
+        device,
+        targets=_target_structs(scenario, attitude_spans, temperature_spans, nutation_spans, facets.first),
+        patches=[body_struct(part, first) for part, first in zip(parts, facets.first, strict=True)][len(targets) :],
+        tables=struct_of(
+            Tables, attitudes=attitudes, facets=facets.facets, temperatures=temperatures, nutations=nutations
+        ),
+        exposure=struct_of(
+            Exposure,
+            device,
+            offset_s=instrument.exposure_rule.offset_s,
+            weight=weight,
+            series=series_matrix(len(weight)),
+        ),
+        surroundings=_surroundings(scenario.tracks, features, device),
+        surfaces=surfaces_struct(own, spectral, lighting, own_bands, device, first_patch),
+        radiance=make_radiance(own_bands, span_k, device, spectral),
+    )
     return TargetField(
         features,
         lighting.sun and terms["sun"].bound_nei == 0.0,
         bodies,
         len(parts) - len(targets),
-        int(exposure.weight.shape[0]) if features.profile else 0,
+        len(weight) if features.profile else 0,
         max(len(targets), 1) if device.is_cuda or rolling else 1,
         make_observe_targets_kernel(features),
         make_profile_kernel(features) if features.profile else None,
@@ -126,45 +130,29 @@ def _albedo_degree(lighting: Lighting, term: LightTerm, limb_sine: float) -> int
     return albedo_degree(error, limb_sine)
 
 
-def _doubles(values: Any, device: wp.Device) -> wp.array:
-    return wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=device)
-
-
 def _target_structs(
-    scenario: Scenario,
-    attitude_spans: list[tuple[int, int]],
-    temperature_spans: list[tuple[int, int]],
-    nutation_spans: list[tuple[int, int]],
-    first_facet: list[int],
+    scenario: Scenario, attitudes: list[Span], temperatures: list[Span], nutations: list[Span], facets: list[int]
 ) -> list[Any]:
+    """The kernels' targets, by where their rows and facets lie."""
     structs = []
     for number, (one, attitude) in enumerate(zip(scenario.targets, scenario.attitudes, strict=True)):
-        target: Any = Target()
-        target.body = body_struct(one.spec.shape, first_facet[number])
-        target.attitude = motion_struct(attitude)
-        target.table_first, target.table_count = attitude_spans[number]
-        target.temperature_first, target.temperature_count = temperature_spans[number]
-        target.nutation_first, target.nutation_count = nutation_spans[number]
+        target = struct_of(Target, body=body_struct(one.spec.shape, facets[number]), attitude=motion_struct(attitude))
+        target.table_first, target.table_count = attitudes[number]
+        target.temperature_first, target.temperature_count = temperatures[number]
+        target.nutation_first, target.nutation_count = nutations[number]
         structs.append(target)
     return structs
 
 
-def _exposure(rule: ExposureRule, device: wp.Device) -> Any:
-    exposure: Any = Exposure()
-    exposure.offset_s, exposure.weight = _doubles(rule.offset_s, device), _doubles(rule.weight, device)
-    exposure.series = _doubles(series_matrix(len(rule.weight)), device)
-    return exposure
-
-
 def _surroundings(tracks: Tracks, features: Features, device: wp.Device) -> Any:
-    surroundings: Any = Surroundings()
-    surroundings.sun_m = wp.array(tracks.sun.position_m, dtype=wp.vec3d, device=device)
-    surroundings.earth = earth_struct(tracks.pole_icrs)
-    infrared = infrared_table() if features.earth else np.zeros((0, 0, 0, 4))
-    albedo = albedo_table(features.albedo_degree) if features.albedo else np.zeros((0, 0, 0))
-    surroundings.infrared_table = wp.array(infrared, dtype=wp.vec4d, device=device)
-    surroundings.albedo_table = _doubles(albedo, device)
-    return surroundings
+    return struct_of(
+        Surroundings,
+        device,
+        sun_m=tracks.sun.position_m,
+        earth=earth_struct(tracks.pole_icrs),
+        infrared_table=infrared_table() if features.earth else np.zeros((0, 0, 0, 4)),
+        albedo_table=albedo_table(features.albedo_degree) if features.albedo else np.zeros((0, 0, 0)),
+    )
 
 
 def surfaces_struct(
@@ -173,6 +161,7 @@ def surfaces_struct(
     lighting: Lighting,
     bands: Sequence[Band],
     device: wp.Device,
+    first_patch: npt.NDArray[np.int64] | None = None,
 ) -> Any:
     """Return the optical properties of surfaces; `spectral` are the different ones by wavelength."""
     different = {surface: number for number, surface in enumerate(dict.fromkeys(own))}
@@ -192,13 +181,16 @@ def surfaces_struct(
     sunlight = np.array([lighting.sun_w_m2_in(band) for band in bands])[:, None]
     albedo = np.array([lighting.earth_albedo_in(band) for band in bands])[:, None]
     heat = np.array([band_radiance_w_m2_sr(lighting.earth_k_in(band), band) for band in bands])[:, None]
-    surfaces: Any = Surfaces()
-    surfaces.emissivity = _doubles(per_band(lambda s, band: 1.0 if s.is_spectral else s.emissivity_in(band)), device)
-    surfaces.radiance_row = wp.array(_radiance_rows(own, spectral, len(bands)), dtype=wp.int32, device=device)
-    surfaces.sun_w_m2_sr = _doubles(reflectance("sun") / np.pi * sunlight, device)
-    surfaces.earth_w_m2_sr = _doubles(reflectance("earth") * heat, device)
-    surfaces.albedo_w_m2_sr2 = _doubles(reflectance("albedo") / np.pi * albedo / np.pi * sunlight, device)
-    return surfaces
+    return struct_of(
+        Surfaces,
+        device,
+        emissivity=per_band(lambda surface, band: 1.0 if surface.is_spectral else surface.emissivity_in(band)),
+        radiance_row=_radiance_rows(own, spectral, len(bands)),
+        sun_w_m2_sr=reflectance("sun") / np.pi * sunlight,
+        earth_w_m2_sr=reflectance("earth") * heat,
+        albedo_w_m2_sr2=reflectance("albedo") / np.pi * albedo / np.pi * sunlight,
+        **({} if first_patch is None else {"first_patch": first_patch}),
+    )
 
 
 def _radiance_rows(own: Sequence[Graybody], spectral: Sequence[Graybody], n_band: int) -> npt.NDArray[np.int32]:
@@ -212,72 +204,64 @@ def _radiance_rows(own: Sequence[Graybody], spectral: Sequence[Graybody], n_band
 
 def earth_struct(pole_icrs: npt.NDArray[np.float64]) -> Any:
     """Return the Earth's ellipsoid about the pole of date, as the kernels' struct."""
-    earth: Any = Earth()
-    earth.pole = wp.vec3d(*pole_icrs)
-    earth.equatorial_radius_m = EARTH_EQUATORIAL_RADIUS_M
-    earth.polar_radius_m = EARTH_POLAR_RADIUS_M
-    return earth
+    return struct_of(
+        Earth,
+        pole=pole_icrs,
+        equatorial_radius_m=EARTH_EQUATORIAL_RADIUS_M,
+        polar_radius_m=EARTH_POLAR_RADIUS_M,
+    )
 
 
-def _rows_once(tables: Sequence[Any]) -> tuple[list[Any], list[tuple[int, int]]]:
-    """Return the different ones of tables of rows in time, and where the rows of each lie among theirs: first, count.
+def rows_once(tables: Sequence[Any], **columns: tuple[int, ...]) -> tuple[dict[str, F64], list[Span]]:
+    """Return the rows of tables one behind the other, those of each table once, and where they lie: first, count.
 
     What has no rows, as it moves by itself, is (0, 0).
+
+    Args:
+        tables: Tables, and anything without the first of the columns.
+        columns: By name of a column, the shape of a row of it.
     """
-    distinct: dict[int, Any] = {}
-    first: dict[int, int] = {}
-    n_row = 0
-    for table in tables:
-        if hasattr(table, "time_s") and id(table) not in distinct:
-            distinct[id(table)], first[id(table)] = table, n_row
-            n_row += len(table.time_s)
-    return list(distinct.values()), [
-        (first[id(table)], len(table.time_s)) if id(table) in distinct else (0, 0) for table in tables
-    ]
+    length = next(iter(columns))
+    distinct = list({id(table): table for table in tables if hasattr(table, length)}.values())
+    counts = [len(getattr(table, length)) for table in distinct]
+    spans = dict(zip(map(id, distinct), zip(np.cumsum([0, *counts]).tolist(), counts, strict=False), strict=True))
+    rows = {
+        name: np.concatenate([np.zeros((0, *shape)), *(getattr(table, name) for table in distinct)])
+        for name, shape in columns.items()
+    }
+    return rows, [spans.get(id(table), (0, 0)) for table in tables]
 
 
-def make_attitudes(attitudes: Sequence[AnyAttitude], device: wp.Device) -> tuple[Any, list[tuple[int, int]]]:
+def make_attitudes(attitudes: Sequence[AnyAttitude | None], device: wp.Device) -> tuple[Any, list[Span]]:
     """Put the attitude tables of all targets on a device, each once; return them, and first row and count of each."""
-    distinct, spans = _rows_once(attitudes)
-    tables: Any = AttitudeTables()
-    tables.time_s = _doubles(np.concatenate([np.zeros(0), *(rows.time_s for rows in distinct)]), device)
-    quaternion = np.concatenate([np.zeros((0, 4)), *(rows.quaternion for rows in distinct)])
-    tables.quaternion = wp.array(quaternion, dtype=wp.quatd, device=device)
-    return tables, spans
+    rows, spans = rows_once(attitudes, time_s=(), quaternion=(4,))
+    return struct_of(AttitudeTables, device, **rows), spans
 
 
-def make_nutations(attitudes: Sequence[AnyAttitude], device: wp.Device) -> tuple[wp.array, list[tuple[int, int]]]:
+def make_nutations(attitudes: Sequence[AnyAttitude], device: wp.Device) -> tuple[wp.array, list[Span]]:
     """Put the nutations of all targets that turn freely on a device, each once; return first row and count of each."""
     own = [attitude.nutation if isinstance(attitude, TorqueFreeMotion) else None for attitude in attitudes]
-    first: dict[Nutation | None, tuple[int, int]] = {None: (0, 0)}
-    rows, n_row = [np.zeros((0, 2, 4))], 0
-    for nutation in dict.fromkeys(own):
-        if nutation is not None:
-            first[nutation] = n_row, len(nutation.quaternion)
-            rows.append(np.stack([nutation.quaternion, nutation.step], axis=1))
-            n_row += len(nutation.quaternion)
-    return wp.array(np.concatenate(rows), dtype=wp.quatd, device=device), [first[nutation] for nutation in own]
+    rows, spans = rows_once(own, quaternion=(4,), step=(4,))
+    both = np.stack([rows["quaternion"], rows["step"]], axis=1)
+    return wp.array(both, dtype=wp.quatd, device=device), spans
 
 
 def motion_struct(attitude: AnyAttitude) -> Any:
     """A motion as the kernels' struct; for a table, one that is not read."""
-    struct: Any = AttitudeStruct()
     if isinstance(attitude, TorqueFreeMotion):
-        struct.reference, struct.first, struct.second = (wp.vec3d(*axis) for axis in attitude.axes)
-        struct.precession_rev_s = attitude.nutation.precession_rev_s
-        struct.spin_rev_s = attitude.nutation.rate_rev_s
+        nutation, (reference, first, second) = attitude.nutation, attitude.axes
+        rates = {"precession_rev_s": nutation.precession_rev_s, "spin_rev_s": nutation.rate_rev_s}
+        return struct_of(AttitudeStruct, reference=reference, first=first, second=second, **rates)
     if not isinstance(attitude, BodyMotion):
-        return struct
+        return AttitudeStruct()
     motion = attitude.attitude
-    struct.reference, struct.first, struct.second = (wp.vec3d(*axis) for axis in attitude.axes)
-    struct.tilt_rad = float(np.radians(motion.precession_angle_deg))
-    struct.precession_rev_s = motion.precession_rev_s
-    struct.precession_phase_rev = attitude.precession_phase_rev
-    struct.rolling_rev_s = motion.rolling_rev_s
-    struct.rolling_phase_rev = attitude.rolling_phase_rev
-    struct.spin_rev_s = motion.spin_rev_s
-    struct.spin_phase_rev = attitude.spin_phase_rev
-    return struct
+    reference, first, second = attitude.axes
+    rates = {name: getattr(motion, name) for name in ("precession_rev_s", "rolling_rev_s", "spin_rev_s")}
+    phases = {name: getattr(attitude, name) for name in ("precession_phase_rev", "rolling_phase_rev", "spin_phase_rev")}
+    tilt_rad = float(np.radians(motion.precession_angle_deg))
+    return struct_of(
+        AttitudeStruct, reference=reference, first=first, second=second, tilt_rad=tilt_rad, **rates, **phases
+    )
 
 
 LN_TEMPERATURE_STEP = 0.005
@@ -292,17 +276,14 @@ _NO_TARGET_K = 300.0  # of a scene without targets, whose radiances nobody asks 
 
 def make_temperatures(
     temperatures: Sequence[TemperatureRows], device: wp.Device
-) -> tuple[Any, list[tuple[int, int]], tuple[float, float]]:
+) -> tuple[Any, list[Span], tuple[float, float]]:
     """Put the temperatures of all targets on a device, each once.
 
     Return them, first row and count of each target, and the lowest and the highest [K].
     """
-    distinct, spans = _rows_once(temperatures)
-    kelvin = np.concatenate([np.zeros(0), *(rows.temperature_k for rows in distinct)])
-    tables: Any = TemperatureTables()
-    tables.time_s = _doubles(np.concatenate([np.zeros(0), *(rows.time_s for rows in distinct)]), device)
-    tables.temperature_k = _doubles(kelvin, device)
-    return tables, spans, (float(kelvin.min()), float(kelvin.max())) if distinct else (_NO_TARGET_K, _NO_TARGET_K)
+    rows, spans = rows_once(temperatures, time_s=(), temperature_k=())
+    kelvin = rows["temperature_k"] if len(temperatures) else np.array(_NO_TARGET_K)
+    return struct_of(TemperatureTables, device, **rows), spans, (float(kelvin.min()), float(kelvin.max()))
 
 
 def make_radiance(
@@ -329,8 +310,11 @@ def make_radiance(
 
     h = 1e-3  # fourth-order difference: its error stays below the table's own
     slope = (8 * (ln_radiance(h) - ln_radiance(-h)) - (ln_radiance(2 * h) - ln_radiance(-2 * h))) / (12 * h)
-    table: Any = RadianceTable()
-    table.ln_temperature_start, table.ln_temperature_step = start, LN_TEMPERATURE_STEP
-    table.ln_radiance = wp.array(ln_radiance(0.0), dtype=wp.float64, device=device)
-    table.slope = wp.array(slope * LN_TEMPERATURE_STEP, dtype=wp.float64, device=device)
-    return table
+    return struct_of(
+        RadianceTable,
+        device,
+        ln_temperature_start=start,
+        ln_temperature_step=LN_TEMPERATURE_STEP,
+        ln_radiance=ln_radiance(0.0),
+        slope=slope * LN_TEMPERATURE_STEP,
+    )

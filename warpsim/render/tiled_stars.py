@@ -14,7 +14,7 @@ from warpsim.errors import InputError
 from warpsim.launches import to_numpy
 from warpsim.render.batch import Batch
 from warpsim.render.device_scene import DeviceScene
-from warpsim.render.stars import LARGEST_SHIFT_RAD, Skies, jyear_of, make_stars, widest_stamp_px
+from warpsim.render.stars import LARGEST_SHIFT_RAD, Skies, half_width_px, jyear_of, make_stars
 from warpsim.scene.scenario import Scenario
 
 BRIGHTEST_JY = 1e5
@@ -44,19 +44,13 @@ def with_stars_of(
     tiles = skies.tiles.chosen(needed.tolist())
     indices, rows = skies.indices_of(tiles)
     filled = []
-    bands = batch_bands(first)
     for scene, index in zip(scenes, indices, strict=True):
-        stars = make_stars(scenario, scene.instrument, bands, index, scene.psf, scene.stamp_rule, scene.tracks.grid)
+        optics, grid = (scene.psf, scene.stamp_rule), scene.tracks.grid
+        stars = make_stars(scenario, scene.instrument, scene.bands, index, *optics, grid)
         _check_brightest(stars.field.irradiance_w_cm2, scene, skies)
         stars = dataclasses.replace(stars, tiles=tiles, folder_row=rows, tile_radius_rad=radius_rad)
         filled.append(dataclasses.replace(scene, stars=stars))
     return filled
-
-
-def batch_bands(scene: DeviceScene) -> list[str]:
-    """Names of the bands that a scene has."""
-    names = list(scene.instrument.sensor.bands)
-    return [names[number] for number in to_numpy(scene.band_id).tolist()]
 
 
 def _looks_at(batch: Batch, scene: DeviceScene) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -69,7 +63,7 @@ def _looks_at(batch: Batch, scene: DeviceScene) -> tuple[npt.NDArray[np.float64]
 def _radius_rad(scene: DeviceScene, skies: Skies, scenario: Scenario) -> float:
     """How far from the boresight a star may lie in its tile whose stamp touches the frame [rad]."""
     assert skies.tiles is not None
-    margin_px = widest_stamp_px(_brightest(scene), scene.psf, scene.stamp_rule) + 1.0
+    margin_px = float(half_width_px(_brightest(scene), scene.psf, scene.stamp_rule).max()) + 1.0
     years = abs(jyear_of(scenario.epoch) - skies.tiles.epoch_jyear)
     nearest_rad = 1e-5  # parallaxes, of which none reaches 1 arcsec
     field_rad = scene.instrument.sensor.camera.half_diagonal_rad(margin_px)
@@ -78,7 +72,7 @@ def _radius_rad(scene: DeviceScene, skies: Skies, scenario: Scenario) -> float:
 
 def _brightest(scene: DeviceScene) -> wp.array:
     """Irradiance of a star of BRIGHTEST_JY in each band [W/cm2], (n_band, 1)."""
-    light = [BRIGHTEST_JY * scene.instrument.bands[name].flat_w_cm2_per_jy for name in batch_bands(scene)]
+    light = [BRIGHTEST_JY * scene.instrument.bands[name].flat_w_cm2_per_jy for name in scene.bands]
     return wp.array(np.array(light, dtype=np.float32)[:, None], dtype=wp.float32, device=scene.device)
 
 

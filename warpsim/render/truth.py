@@ -1,8 +1,8 @@
-"""Truth tables: the numbers that the images were drawn from."""
+"""Truth tables: the numbers that the images were drawn from; and those of views whose images are not drawn."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,60 +17,28 @@ from warpsim.instant import utc_dates
 from warpsim.launches import to_numpy
 from warpsim.optics.psf_bank import paths_struct
 from warpsim.orbit.earth import earth_clearance_m
-from warpsim.render.batch import HostColumns
-from warpsim.render.descriptions import described
+from warpsim.render.batch import Columns, HostColumns, Inputs
+from warpsim.render.buffers import new_background_nodes, new_view_arrays
+from warpsim.render.descriptions import STATE_NAMES, described, with_units
 from warpsim.render.device_scene import DeviceBodies, DeviceScene, moved
+from warpsim.render.line_of_sight import sensor_states, target_states
+from warpsim.render.request import Request
 from warpsim.render.resolution import resolution_columns
-from warpsim.render.stages import split_light
-from warpsim.render.states import STATE_NAMES, STATE_UNITS, sensor_states, target_states
-from warpsim.scene.instrument import Instrument
+from warpsim.render.stages import background_of_targets, split_light, target_stages
 from warpsim.scene.light_terms import TERMS
 from warpsim.scene.provenance import provenance
-from warpsim.scene.scenario import Scenario
 
 if TYPE_CHECKING:
     from astropy.table import Table
 
 
-@dataclass(frozen=True)
-class ImageAxes:
-    """Labels of the axes of rendered images."""
+def truth_table(frames: Request, scene: DeviceScene, seen: HostColumns) -> Table:
+    """Return one row per frame x sensor x band x target; DESCRIPTIONS has what its columns mean.
 
-    scenario: Scenario
-    instrument: Instrument
-    """The kind of the sensors."""
-    frames: list[int]
-    sensors: list[str]
-    bands: list[str]
-
-    @property
-    def time_s(self) -> npt.NDArray[np.float64]:
-        """Times of the frames after the epoch [s], shape (n_frame,)."""
-        return self.instrument.frame_time_s(self.frames)
-
-    @property
-    def nei_w_cm2(self) -> npt.NDArray[np.float64]:
-        """Noise equivalent irradiance in each band [W/cm2], shape (n_band,)."""
-        return np.array([self.instrument.nei_w_cm2(band) for band in self.bands])
-
-
-def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Table:
-    """Return one row per frame x sensor x band x target.
-
-    Columns: frame, time_s, date_obs (UTC), sensor, band, target, class; access (the sensor may observe this target),
-    in_fov, occulted, not_deployed (still with its main target), absent (the row knows nothing else); x_px and y_px in
-    the middle of the exposure (NaN behind the camera and for absent targets), dx_px and dy_px from its start to its end
-    (0 where streaks are off), row_time_s (with line_time_s alone: mid-exposure of its row after the frame's time, when
-    all but access is as the row says), range_km, aspect_deg, projected_area_m2 (mean over the exposure), temperature_k,
-    sunlit_fraction; irradiance_w_cm2 at the pupil (0 when occulted, not deployed or absent) and what it is the sum of,
-    emitted_w_cm2, sun_w_cm2, earth_w_cm2 and albedo_w_cm2 (0 where the scene leaves a term out); snr = irradiance /
-    NEI, snr_peak (of the target's own pixel), left_out_w_cm2 (light beyond the stamp). How well it can be told apart
-    and measured (`warpsim.render.resolution`): neighbour_px, clump_id, resolvable, blend_fraction (part of the targets'
-    light in its own pixel that is not its own), and x_sigma_px, y_sigma_px and irradiance_sigma_w_cm2, Cramer-Rao
-    bounds. States, geocentric in GCRS axes: sensor_x_m ... sensor_vz_m_s, sensor_qx ... sensor_qw (rotation from GCRS
-    to camera axes), target_x_m ... target_qw (from GCRS to body axes) when the light left. With a background also
-    background_w_cm2, what it adds to the target's pixel, noise_nei, the noise of a pixel with it, and earth_behind,
-    whether the line of sight meets the Earth behind the target; NaN and false far outside the frame.
+    Positions are NaN behind the camera and for absent targets, of which a row knows nothing else; dx_px and dy_px are 0
+    where streaks are off. row_time_s is there with line_time_s alone: all but access is then as at the time of the row.
+    Light is 0 when occulted, not deployed or absent, and a term of it where the scene leaves it out. With a background
+    there are also background_w_cm2, noise_nei and earth_behind; NaN and false far outside the frame.
     """
     from astropy.table import Table
 
@@ -92,31 +60,24 @@ def truth_table(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> Tab
         "target": spread(np.array([target.name for target in targets], dtype=str), 3),
         "class": spread(np.array([target.spec.class_name for target in targets], dtype=str), 3),
     }
-    columns |= {name: spread(values, 0, 1, 3) for name, values in _flags(frames, scene, seen).items()}
-    columns |= {name: spread(values, 0, 1, 3) for name, values in _geometry(scene, seen).items()}
-    columns |= {name: spread(values, 0, 1, 2, 3) for name, values in _light(frames, scene, seen).items()}
+    groups: list[tuple[tuple[int, ...], dict[str, npt.NDArray[Any]]]] = [
+        ((0, 1, 3), _flags(frames, scene, seen)),
+        ((0, 1, 3), _geometry(scene, seen)),
+        ((0, 1, 2, 3), _light(frames, scene, seen)),
+    ]
     if seen.background_w_cm2 is not None:
-        columns |= {name: spread(values, 0, 1, 2, 3) for name, values in _background(frames, seen).items()}
-        columns["earth_behind"] = spread(_earth_behind(frames, seen), 0, 1, 3)
-    apart = resolution_columns(scene, frames.bands, seen)
-    columns |= {name: spread(values, 0, 1, 2, 3) for name, values in apart.items()}
-    columns |= {name: spread(values, 0, 1) for name, values in _sensor_states(frames, seen).items()}
-    columns |= {name: spread(values, 0, 1, 3) for name, values in _target_states(frames, seen).items()}
-    table = Table(columns, meta=provenance(frames.scenario.scene))
-    for name in table.colnames:
-        if name in _UNITS or name.endswith("_w_cm2"):
-            table[name].unit = _UNITS.get(name, "W / cm2")
-    return described(table)
+        groups.append(((0, 1, 2, 3), _background(frames, seen)))
+        groups.append(((0, 1, 3), {"earth_behind": _earth_behind(frames, seen)}))
+    groups.append(((0, 1, 2, 3), resolution_columns(scene, seen)))
+    groups.append(((0, 1), _sensor_states(frames, seen)))
+    states = _states_of_targets(frames, seen)
+    groups.append(((0, 1, 3), {f"target_{name}": states[..., i] for i, name in enumerate(STATE_NAMES)}))
+    for axes, group in groups:
+        columns |= {name: spread(values, *axes) for name, values in group.items()}
+    return described(with_units(Table(columns, meta=provenance(frames.scenario.scene))))
 
 
-_UNITS = {
-    "time_s": "s", "row_time_s": "s", "x_px": "pix", "y_px": "pix", "dx_px": "pix", "dy_px": "pix", "range_km": "km",
-    "aspect_deg": "deg", "projected_area_m2": "m2", "temperature_k": "K", "neighbour_px": "pix", "x_sigma_px": "pix",
-    "y_sigma_px": "pix", **STATE_UNITS,
-}  # fmt: skip
-
-
-def _flags(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.bool_]]:
+def _flags(frames: Request, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.bool_]]:
     """Return the yes-or-no columns of each target, each (frame, sensor, target)."""
     word = seen.observations["flags"].reshape(len(frames.frames), len(frames.sensors), scene.n_target)
     absent = (word & int(ABSENT)) != 0
@@ -156,7 +117,7 @@ def _geometry(scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np
     }
 
 
-def _light(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
+def _light(frames: Request, scene: DeviceScene, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
     """Return the brightness of each target, each (view, band, target)."""
     peak_part, stamp_part = _stamp_parts(scene, seen)
     # A target at the sensor itself would be infinitely bright: as bright as float32 can say.
@@ -172,7 +133,7 @@ def _light(frames: ImageAxes, scene: DeviceScene, seen: HostColumns) -> dict[str
     }
 
 
-def _background(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
+def _background(frames: Request, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
     """Return the background behind each target, and the noise with it, each (view, band, target)."""
     background = np.asarray(seen.background_w_cm2, dtype=np.float64)
     noise_nei = np.ones_like(background)
@@ -185,7 +146,7 @@ def _background(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArray[n
     return {"background_w_cm2": background, "noise_nei": np.where(np.isnan(background), np.nan, noise_nei)}
 
 
-def _earth_behind(frames: ImageAxes, seen: HostColumns) -> npt.NDArray[np.bool_]:
+def _earth_behind(frames: Request, seen: HostColumns) -> npt.NDArray[np.bool_]:
     """Return whether lines of sight to targets in front of the camera meet the Earth behind them, (view, target)."""
     observed, camera = seen.observations, frames.instrument.sensor.camera
     flags, xy_px = observed["flags"], observed["xy_px"]
@@ -200,7 +161,7 @@ def _earth_behind(frames: ImageAxes, seen: HostColumns) -> npt.NDArray[np.bool_]
     return behind
 
 
-def _sensor_states(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
+def _sensor_states(frames: Request, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
     """Return the states of sensors, each (frame, sensor)."""
     axes = seen.views["axes"].reshape(len(frames.frames), len(frames.sensors), 3, 3)
     kind, time_s = frames.instrument, frames.time_s
@@ -208,18 +169,12 @@ def _sensor_states(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArra
     return {f"sensor_{name}": np.stack([state[:, i] for state in states], 1) for i, name in enumerate(STATE_NAMES)}
 
 
-def _target_states(frames: ImageAxes, seen: HostColumns) -> dict[str, npt.NDArray[np.float64]]:
-    """Return the states of targets when their light left, each (view, target)."""
-    states = _states_of_targets(frames, seen)
-    return {f"target_{name}": states[..., i] for i, name in enumerate(STATE_NAMES)}
-
-
-def target_positions_m(frames: ImageAxes, seen: HostColumns) -> npt.NDArray[np.float64]:
+def target_positions_m(frames: Request, seen: HostColumns) -> npt.NDArray[np.float64]:
     """Return the positions of targets when their light left [m], (view, target, 3); NaN for absent ones."""
     return _states_of_targets(frames, seen)[..., :3]
 
 
-def _states_of_targets(frames: ImageAxes, seen: HostColumns) -> npt.NDArray[np.float64]:
+def _states_of_targets(frames: Request, seen: HostColumns) -> npt.NDArray[np.float64]:
     observed = seen.observations
     range_m = np.where((observed["flags"] & int(ABSENT)) == 0, observed["range_m"], np.nan)
     time_s = np.repeat(frames.time_s, len(frames.sensors))[:, None] + np.zeros(range_m.shape)
@@ -254,7 +209,7 @@ def _stamp_parts(scene: DeviceScene, seen: HostColumns) -> tuple[npt.NDArray[np.
     return peak, stamp
 
 
-def star_table(frames: ImageAxes, scene: DeviceScene, star_lists: list[tuple[npt.NDArray[Any], ...]]) -> Table:
+def star_table(frames: Request, scene: DeviceScene, star_lists: list[tuple[npt.NDArray[Any], ...]]) -> Table:
     """Return one row per frame x sensor x star whose stamp touches the image.
 
     Columns: frame, time_s, sensor, x_px, y_px, dx_px, dy_px (as in the truth), catalog_row, id, in_fov, and
@@ -288,8 +243,37 @@ def star_table(frames: ImageAxes, scene: DeviceScene, star_lists: list[tuple[npt
     )
     name = scene.stars.index.catalog.name
     table.meta |= {"CATALOG": name, "BANDS": ",".join(frames.bands)}
-    table["time_s"].unit = "s"
-    for name in ("x_px", "y_px", "dx_px", "dy_px"):
-        table[name].unit = "pix"
-    table["irradiance_w_cm2"].unit = "W / cm2"
-    return described(table)
+    return described(with_units(table))
+
+
+def observe(
+    scene: DeviceBodies, inputs: Inputs, columns: Columns, size: int, threads: Executor, terms: wp.array | None = None
+) -> None:
+    """Fill the columns of views as rendering does, `size` views at a time.
+
+    Args:
+        scene: What the stages read.
+        inputs: Inputs of the views.
+        columns: Their columns.
+        size: Views at a time.
+        threads: Threads that work.
+        terms: Irradiance by each term, (N_TERM, n_view, n_band, n_target); filled where it is asked for.
+    """
+    n_view = len(inputs.frame)
+
+    def run(first: int) -> None:
+        end = min(first + size, n_view)
+        own = new_view_arrays(scene, inputs.part(first, end), scene.n_target, columns.part(first, end))
+        own.sources.n_source.fill_(scene.n_target)
+        stages = target_stages(scene, own)
+        if isinstance(scene, DeviceScene) and scene.background is not None:
+            nodes = new_background_nodes(scene, end - first)
+            stages.append(background_of_targets(scene, own.inputs, own.columns, own.sources, nodes))
+        if terms is not None:
+            stages.append(split_light(scene, own.columns.observations, terms[:, first:end]))
+        for stage in stages:
+            stage.run()
+
+    if n_view:
+        run(0)  # kernels are compiled by one thread
+        list(threads.map(run, range(size, n_view, size)))
