@@ -12,8 +12,8 @@ import numpy.typing as npt
 from warpsim.measure.finding import SkyImage, find_points
 from warpsim.measure.pixel_psf import PixelPsf
 from warpsim.measure.point_fit import LARGEST_SIGMA_PX, source_sigma
-from warpsim.render.resolution import full_w_cm2
 from warpsim.render.frameset import FrameSet
+from warpsim.render.resolution import full_w_cm2
 from warpsim.scene.instrument import Instrument
 from warpsim.streams import uniforms
 
