@@ -78,6 +78,7 @@ def image_by_samples(start, way, level, n_row, n_col, n=20_001):
     return image
 
 
+@pytest.mark.ci
 def test_charge_lies_along_the_tracks():
     """A frame's hits are those of samples along the same tracks, within two samples of a pixel."""
     scene = scene_of(NEI | {"hits": HITS}, camera__pixel_aspect=1.5)
@@ -120,6 +121,7 @@ def test_numbers_of_hits_are_poisson_and_their_mean_is_the_rate():
     assert count.var() == pytest.approx(mean, rel=5 * np.sqrt(2 / 1000))
 
 
+@pytest.mark.ci
 def test_hits_in_electrons_are_the_counts_that_they_give():
     """Without noise a frame less the same without hits is their charge over the gain."""
     hits = {"rate_cm2_s": 2000.0, "e_per_um": 100.0, "pixel_pitch_um": 50.0}
@@ -178,6 +180,7 @@ def test_flicker_is_in_the_counts():
 BOTH = NEI | {"hits": HITS, "flicker": FLICKER}
 
 
+@pytest.mark.ci
 def test_a_frame_is_the_same_alone_and_in_any_batch():
     scene = scene_of(BOTH, n_row=37, n_col=53)
     every = ws.Renderer(scene, n_thread=2).render(range(30), sensors=["sat21", "sat11"])

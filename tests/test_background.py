@@ -92,6 +92,7 @@ def test_map_and_plates_follow_the_model(record_accuracy):
     record_accuracy("Zodiacal light by plates", np.abs(found / exact - 1).max(), MAP_RTOL, "", "the model itself")
 
 
+@pytest.mark.ci
 def test_images_hold_the_light_of_each_pixels_direction(scene):
     added, frames = added_w_cm2(scene, zodiacal=True)
     instrument = frames.instrument
@@ -106,6 +107,7 @@ def test_images_hold_the_light_of_each_pixels_direction(scene):
         assert np.abs(added[0, sensor] / expected - 1).max() < MAP_RTOL + STAGE_RTOL
 
 
+@pytest.mark.ci
 def test_what_is_off_is_in_no_image_no_truth_and_no_file(scene):
     plain = ws.Renderer(scene, "cpu").render([60])
     assert "background" not in scene.to_dict()
@@ -113,6 +115,7 @@ def test_what_is_off_is_in_no_image_no_truth_and_no_file(scene):
     assert not {"background_w_cm2", "noise_nei", "earth_behind"} & set(plain.truth.colnames)
 
 
+@pytest.mark.ci
 def test_frames_are_the_same_alone_and_in_any_batch(scene):
     own = scene.replace(background__zodiacal=True, background__earth=True)
     many = ws.Renderer(own, "cpu", n_thread=2).render(range(58, 66))
@@ -120,9 +123,10 @@ def test_frames_are_the_same_alone_and_in_any_batch(scene):
     assert np.array_equal(alone.counts.numpy()[0], many.counts.numpy()[3])
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("n_row", "n_col", "fov_deg"), [(128, 128, 4.0), (1, 1, 1.0), (65, 33, 3.0), (130, 257, 40.0)])
 def test_every_pixel_has_it_whatever_the_size(scene, n_row, n_col, fov_deg):
-    own = scene.replace(camera={"n_row": n_row, "n_col": n_col, "fov_deg": fov_deg})
+    own = scene.replace(camera={"n_row": n_row, "n_col": n_col, "fov_deg": fov_deg}, optics__psf="gaussian")
     table = {"angle_deg": [0.0, 180.0], "ratio_sr": [1.0, 1.0]}
     for background in ({"zodiacal": True}, {"earth": True, "stray_light": table}):
         added, _ = added_w_cm2(own, **background)
@@ -140,6 +144,7 @@ def test_truth_has_the_level_behind_each_target(scene):
     assert not row["earth_behind"]
 
 
+@pytest.mark.ci
 def test_truth_has_the_light_of_the_targets_own_pixel(scene):
     """Of a column of targets before the limb, whose own light is faint."""
     wide = scene.replace(camera__fov_deg=20.0, optics__aperture_m=0.02)
@@ -163,6 +168,7 @@ def electrons(scene):
     return scene.replace(detector=detector | {"read_noise_e": 50.0, "dark_e_s": 1e4}, optics__aperture_m=0.3)
 
 
+@pytest.mark.ci
 def test_electron_detectors_have_its_shot_noise(scene):
     own = electrons(scene)
     _, frames = added_w_cm2(own, zodiacal=True)
@@ -180,6 +186,7 @@ def test_electron_detectors_have_its_shot_noise(scene):
     assert row["noise_nei"] == pytest.approx(np.sqrt(1 + background_e / levels.noise_e**2))
 
 
+@pytest.mark.ci
 def test_the_limb_lies_where_lines_of_sight_graze_the_ellipsoid(scene):
     wide = scene.replace(camera__fov_deg=20.0)
     added, frames = added_w_cm2(wide, frames=(60,), earth=True)
@@ -200,6 +207,7 @@ def test_the_limb_lies_where_lines_of_sight_graze_the_ellipsoid(scene):
     assert checked >= 3
 
 
+@pytest.mark.ci
 @pytest.mark.accuracy
 @pytest.mark.parametrize("roll_deg", [0.0, 20.0, 45.0])
 def test_pixels_hold_the_mean_of_the_limb_over_the_heights_that_they_span(scene, record_accuracy, roll_deg):
@@ -240,6 +248,7 @@ def test_the_disc_has_the_radiance_of_its_temperature(scene):
         assert light[-1, camera.n_col // 2] == pytest.approx(expected, rel=1e-4), name
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("epoch_utc", "raan_deg"), [("2025-01-04T14:00:00", 200.0), ("2025-07-04T14:00:00", 20.0)])
 @pytest.mark.parametrize(("lighting", "albedo"), [({}, None), ({"earth_albedo": 0.25}, 0.25)])
 def test_the_sunlit_disc_has_the_albedo_of_the_band(scene, lighting, albedo, epoch_utc, raan_deg):
@@ -348,6 +357,7 @@ def test_scenes_with_a_background_load_equal(scene, tmp_path):
     assert ws.Scene.load(tmp_path / "own.toml") == own
 
 
+@pytest.mark.ci
 def test_check_says_what_is_left_out_and_the_end_of_a_run_too(scene, tmp_path):
     wide = scene.replace(camera__fov_deg=20.0)
     report = scene_report(wide.scenario)
@@ -510,6 +520,7 @@ def test_check_warns_of_a_background_that_saturates():
     assert words not in scene_report(scene.scenario) and "background A" in scene_report(scene.scenario)
 
 
+@pytest.mark.ci
 def test_kinds_of_sensors_have_images_of_their_own(tmp_path):
     scene = ws.Scene.load("two_cameras").replace(sky__catalog="none", background__image=str(tmp_path / "{kind}.npy"))
     scenario = scene.scenario

@@ -186,6 +186,7 @@ def test_a_camera_looks_where_its_body_is_turned(held):
     np.testing.assert_allclose(rolled[:, 0], expected[:, 1], rtol=0, atol=CUBIC_RAD)
 
 
+@pytest.mark.ci
 def test_frames_and_truth_have_these_axes(held):
     """The kernel's axes are the host's, and stars lie where these say."""
     scene = held(boresight=[1.0, 0.0, 0.0], image_up=[0.0, 0.0, 1.0])
@@ -226,6 +227,7 @@ def test_files_must_be_there_and_cover_the_frames(held, tmp_path):
         _ = held().replace(duration_s=400.0, frames={"count": 2, "interval_s": 400.0}).scenario
 
 
+@pytest.mark.ci
 def test_bodies_scans_and_tracks_in_one_kind_of_sensor(held, tmp_path):
     """With an exposure: light moves over the image as the body turns."""
     (tmp_path / "sat13.a").write_text(stk(np.zeros(1), Rotation.from_rotvec([[0.1, 0.2, 0.3]]).as_quat()))

@@ -105,6 +105,7 @@ def test_a_list_with_a_catalog_that_the_region_misses(folder, tmp_path):
 # --- the catalog's name ---
 
 
+@pytest.mark.ci
 def test_a_catalog_is_called_as_it_calls_itself(folder):
     assert "obs_collection=test\n" in (folder / "hats.properties").read_text()
     assert ws.StarCatalog.read(folder).name == ws.StarCatalog.read(folder, region=FAR).name == "test"
@@ -382,6 +383,7 @@ def test_more_stars_than_fit_are_refused(large, monkeypatch):
         renderer.render(range(160))
 
 
+@pytest.mark.ci
 def test_a_region_or_a_limit_is_read_into_memory(large):
     renderer = ws.Renderer(scene_of(large, limit={"Ks": 0.0}))
     assert len(renderer.catalog) == int(np.count_nonzero(stars(60_000)["mag_Ks"] <= 0.0))

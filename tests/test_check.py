@@ -138,6 +138,7 @@ def test_a_sky_without_stars_is_no_fault(scene):
     assert NO_LIGHT not in report
 
 
+@pytest.mark.ci
 def test_the_rule_that_is_broken_is_named(scene):
     """Each rule has words of its own, and a rule that nothing keeps is broken in every frame."""
     words = {
@@ -176,6 +177,7 @@ def test_light_and_heat_are_reported(scene):
     assert re.search(r"heat       center: [\d.]+ to [\d.]+ K, error \S+ K", report)
 
 
+@pytest.mark.ci
 def test_rows_read_in_turn_are_reported(scene):
     """The stars' shift is that of the streaks of an exposure over its rows; long times between rows are warned of."""
     report = scene_report(scene.replace(detector__line_time_s=1e-3, detector__exposure_s=0.1).scenario)
@@ -248,6 +250,7 @@ def test_each_band_has_its_lines():
     assert f"{counts[0] / (360**2 / np.pi):.3g} per deg2 above the noise; {complete}\n" in text
 
 
+@pytest.mark.ci
 def test_stars_are_complete_to_the_same_irradiance_whatever_other_bands_add():
     def ends(*bands: str) -> list[str]:
         surface = {f"targets__{k}__surface": {"reflectance": 0.5} for k in range(4)}

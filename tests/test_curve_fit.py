@@ -50,6 +50,7 @@ def test_the_papers_cone_is_recovered_at_the_cramer_rao_bound(paper, record_accu
     np.testing.assert_allclose(np.median(stated, axis=0), bound, rtol=0.1)
 
 
+@pytest.mark.ci
 def test_a_scan_finds_the_rate(paper):
     """From a rate and an angle far off: the scan tries rates with phases, whatever the brightness."""
     curve = curve_of(paper, [*PRECESSION, "scale"])

@@ -272,6 +272,7 @@ def test_sequences_are_told_with_what_was_drawn(folders):
             assert row["sequence"] in split_of(made)[row["split"]] and row["seed"] == sequence.scene.seed
 
 
+@pytest.mark.ci
 def test_the_manifest_has_every_file_and_the_recipe(folders):
     for name in FORMATS:
         folder = folders / name

@@ -200,6 +200,7 @@ def test_a_frame_with_streaks_is_the_same_in_any_batch(scene, device, field):
     np.testing.assert_array_equal(together.counts.numpy()[7, 1], alone.counts.numpy()[0, 0])
 
 
+@pytest.mark.ci
 def test_truth_counts_the_light_of_a_streak(scene, device):
     """snr_peak is of the pixel of the middle, left_out_w_cm2 of all that the stamps hold."""
     still = exposed(scene, pointing={"kind": "fixed", "ra_dec_deg": towards_main(scene)}, camera__n_row=96, **BRIGHT)

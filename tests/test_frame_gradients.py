@@ -47,6 +47,7 @@ CUT = 1e-5
 """Of the largest pixel's derivative: light outside of stamps, which frames cut at 1e-4 NEI and deposits at 1e-9."""
 
 
+@pytest.mark.ci
 def test_gradients_by_sources_are_those_of_deposit(frames, cotangent):
     """Of one image after the other, by the sources' own list in the truth."""
     found = ws.gradients(frames, cotangent, ["x_px", "y_px", "irradiance_w_cm2"])

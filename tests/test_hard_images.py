@@ -423,6 +423,7 @@ RINGING = {"sampled-gaussian": 1e-6, "sampled-airy": 2e-4, "impulse": 0.073, "ed
 GATE_SIGMAS = 5.0
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("dark_e_s", [0.0, 1e4], ids=["few-electrons", "many"])
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_patterns_that_ring_read_as_blank_where_they_are_below_zero(scene, tmp_path, device, pattern, dark_e_s):

@@ -263,6 +263,7 @@ def test_derivatives_by_sigma_are_those_of_error_functions():
         assert abs(found - expected) < SIGMA * abs(expected)
 
 
+@pytest.mark.ci
 def test_gradients_do_not_depend_on_batch_threads_or_other_sources():
     """Views one by one, in parts by threads, and sources alone: bit for bit."""
     from concurrent.futures import ThreadPoolExecutor

@@ -330,6 +330,7 @@ def test_the_page_lists_every_column(still):
     assert listed == table.colnames[len(still.truth.colnames) :]
 
 
+@pytest.mark.ci
 def test_every_column_of_a_table_has_a_meaning(scene):
     full = scene.replace(background__zodiacal=True, detector__line_time_s=1e-5)
     table = ws.labels.label_table(ws.Renderer(full, "cpu").render([60], ["sat11"], ["A"]))

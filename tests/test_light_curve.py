@@ -140,6 +140,7 @@ def test_phases_count_at_the_time_asked_for(day):
         np.testing.assert_allclose(late(late.values), expected, rtol=0, atol=1e-12 * expected.max())
 
 
+@pytest.mark.ci
 def test_light_is_averaged_over_the_exposure(day):
     exposed = day.scene.replace(detector__exposure_s=0.3).scenario
     curve = ws.LightCurve(exposed, "box", ["spin_rev_s", "precession_rev_s"], TIMES, SENSORS, "A", "cpu",
@@ -152,6 +153,7 @@ def test_light_is_averaged_over_the_exposure(day):
         np.testing.assert_allclose(slopes[..., column], found, rtol=0, atol=EXPOSED_RTOL * np.abs(found).max())
 
 
+@pytest.mark.ci
 def test_a_batch_is_each_of_its_sets_bit_for_bit(day, device):
     curve = ws.LightCurve(day, "cone", None, TIMES, SENSORS, device=device)
     threads = ws.LightCurve(day, "cone", None, TIMES, SENSORS, device=device, n_thread=3)
@@ -446,6 +448,7 @@ def test_spin_acts_where_patches_show_it(painted, shape, patches, acting):
             ws.LightCurve(scene, target.name, "spin_rev_s", TIMES[:2], SENSORS, "A", "cpu")
 
 
+@pytest.mark.ci
 def test_rounding_is_no_information(painted):
     """A column at the light's rounding is named; one that is small for its unit is not."""
     light, pattern = np.ones(50), np.random.default_rng(SEED).normal(size=(50, 3))

@@ -221,6 +221,7 @@ def renderer(moving):
     return ws.Renderer(moving, device="cpu")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("n_frame", [75, pytest.param(300, marks=pytest.mark.slow)])
 def test_twenty_sensors_at_30_hz(moving, renderer, n_frame):
     """The paper's case. How late frames are depends on what else the machine does, so that is told, not asserted."""

@@ -42,10 +42,8 @@ def add_commands(commands: Any) -> None:
         SCENE, FOLDER, FRAMES, SENSORS, BANDS, DEVICE,
         Option("--every-frame", "also frames without access to a target"),
         Option("--stars", "also list the stars in every image, in stars.fits"),
-        Option(
-            "--format NAMES", "comma-separated: fits (the default), fits-frames, tiff, png, exr (noiseless), zarr",
-            names, ["fits"],
-        ),
+        Option("--format NAMES", "comma-separated: fits (the default), fits-frames, tiff, png, exr (noiseless), zarr",
+               names, ["fits"]),
         Option("--preview NAME", "also an animation of each sensor and band: gif or mp4"),
         Option("--sheet NAME", "contact sheet of whole images or of targets", default="whole"),
         Option("--overwrite", "replace a different run in the folder"),

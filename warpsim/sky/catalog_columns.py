@@ -110,13 +110,7 @@ def checked_columns(
     """
     columns = _vectors(numbers, flux_jy, flux_flag or {})
     n_star = len(columns["ra_deg"])
-    rows_named = np.arange(first_row + 1, first_row + n_star + 1, dtype=np.int64)
-    texts: dict[str, NDArray[Any]] = {"id": rows_named if id is None else np.array(id).astype(np.str_)}
-    if spectral_type is not None:
-        texts["spectral_type"] = np.ma.filled(np.ma.asarray(spectral_type).astype(np.str_), "")
-    for key, values in {**columns, **texts}.items():
-        if values.shape != (n_star,):
-            raise InputError(f"must have shape ({n_star},) like ra_deg", key, values.shape)
+    texts = _texts(columns, id, spectral_type, first_row)
     limits = checked_limits(limit_jy or {}, n_star)
 
     located = np.isfinite(columns["ra_deg"]) & np.isfinite(columns["dec_deg"])
@@ -145,6 +139,21 @@ def checked_columns(
         type_temperature_k=type_k,
         limit_jy=limits,
     )
+
+
+def _texts(
+    columns: Mapping[str, NDArray[Any]], id: ArrayLike | None, spectral_type: ArrayLike | None, first_row: int
+) -> dict[str, NDArray[Any]]:
+    """Names and, where given, spectral types; all columns are as long as the coordinates."""
+    n_star = len(columns["ra_deg"])
+    rows_named = np.arange(first_row + 1, first_row + n_star + 1, dtype=np.int64)
+    texts: dict[str, NDArray[Any]] = {"id": rows_named if id is None else np.array(id).astype(np.str_)}
+    if spectral_type is not None:
+        texts["spectral_type"] = np.ma.filled(np.ma.asarray(spectral_type).astype(np.str_), "")
+    for key, values in {**columns, **texts}.items():
+        if values.shape != (n_star,):
+            raise InputError(f"must have shape ({n_star},) like ra_deg", key, values.shape)
+    return texts
 
 
 def _printable_ids(ids: NDArray[Any]) -> NDArray[Any]:
