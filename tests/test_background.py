@@ -235,6 +235,7 @@ def test_pixels_hold_the_mean_of_the_limb_over_the_heights_that_they_span(scene,
         record_accuracy("Limb of the Earth, mean over a pixel", error.max(), LIMB_RTOL, "", "1024 lines of sight")
 
 
+@pytest.mark.ci
 def test_the_disc_has_the_radiance_of_its_temperature(scene):
     wide = scene.replace(camera__fov_deg=20.0, lighting__earth_albedo=0.0)
     added, frames = added_w_cm2(wide, frames=(60,), earth=True)

@@ -96,6 +96,7 @@ def test_maps_are_those_of_every_frame_band_and_sensor():
     assert not np.array_equal(both.bad, detector_maps(scene.scenario, "sat22", ["A", "C"]).bad)
 
 
+@pytest.mark.ci
 def test_frames_have_noise_of_their_own():
     scene = scene_of(NEI)
     dark = calibration_counts(scene.scenario, "sat21", ["A"], "dark", 3)

@@ -85,6 +85,7 @@ def test_the_spin_of_a_box_is_found(scene):
     assert (np.abs(missed) < 5 * np.array(list(found.sigma.values()))).all()
 
 
+@pytest.mark.ci
 def test_bodies_and_curves_are_fitted_together(paper):
     """Two curves of one cone share its parameters; a cylinder has its own; what is NaN does not count."""
     cone = curve_of(paper, ["precession_angle_deg", "scale"])

@@ -302,6 +302,7 @@ def test_bytes_do_not_depend_on_workers_or_batches(folders, tmp_path, monkeypatc
                 assert (folder / path.relative_to(folders / name)).read_bytes() == path.read_bytes(), path
 
 
+@pytest.mark.ci
 def test_a_long_sequence_fills_several_shards_of_an_array(tmp_path, monkeypatch):
     zarr = pytest.importorskip("zarr", minversion="3")
     monkeypatch.setattr("warpsim.dataset.recipe.SHARD_BYTES", 5 * 2 * 48 * 64)

@@ -408,6 +408,7 @@ def test_a_cube_of_a_distorted_camera(scene, tmp_path):
     assert inside.sum() > 5
 
 
+@pytest.mark.ci
 def test_the_report_says_what_the_lens_does(scene):
     lines = scene_report(scene.replace(camera__distortion={"k1": -30.0}, camera__pixel_aspect=1.5).scenario)
     (line,) = [line for line in lines.splitlines() if line.startswith("  camera")]

@@ -193,6 +193,7 @@ def test_no_star_is_lost_that_only_passes_the_frame(scene, device, field):
     assert (~one.stars["in_fov"]).any()
 
 
+@pytest.mark.ci
 def test_a_frame_with_streaks_is_the_same_in_any_batch(scene, device, field):
     moving = exposed(scene).replace(frames={"count": 9, "interval_s": 1.0, "start_s": MIDDLE_S})
     together = ws.Renderer(moving, device).render(range(9), [SENSOR, "sat11"])

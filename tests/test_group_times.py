@@ -104,6 +104,7 @@ def test_targets_that_are_gone_before_their_release_are_never_seen(two):
     assert len(own) and own["not_deployed"].all() and not own["irradiance_w_cm2"].any()
 
 
+@pytest.mark.ci
 def test_scenes_with_spread_numbers_have_a_hash_and_do_not_change(scene):
     spread = {"shape.radius_m": {"uniform": [0.2, 0.4]}}
     one, other = (scene.replace(targets__1__spread=spread) for _ in range(2))

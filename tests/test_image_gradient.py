@@ -318,6 +318,7 @@ def test_bad_cotangents_are_refused(cotangent, text):
         ws.deposit_gradient([[1.0, 1.0]], [1.0], PSFS["gaussian"], SHAPE, cotangent)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", PSFS)
 def test_windows_hold_the_stamps_of_sources_on_edges_of_pixels(name):
     """Within float64 rounding of an edge, the stamp's float32 ends may be a pixel farther out."""

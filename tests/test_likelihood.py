@@ -111,6 +111,7 @@ BOUNDS = 0.04
 """Pixels outside the window of the truth's, light of neighbours that is noise, too, and its differences."""
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", ["nei", "electrons"])
 def test_bounds_of_lone_targets_are_those_of_the_truth(name):
     """The truth has bounds of each target with all else known, by differences of central steps in a window."""

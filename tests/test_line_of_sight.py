@@ -190,6 +190,7 @@ def test_units_are_converted(frames):
     np.testing.assert_allclose(xy, [[3.0, 4.0]], atol=1e-6)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("line_time_s", [1e-3, -5e-3])
 def test_lines_of_rows_that_are_read_in_turn(scene, line_time_s):
     """Targets were where their lines say at the time of their row; cameras that track, with an error of pointing."""

@@ -89,6 +89,7 @@ def test_a_camera_keeps_its_limits_and_gets_there():
     assert settled < 50 and np.abs(axes[settled:, 2] - towards(*ra_dec_deg)).max() < STRAIGHT_RAD
 
 
+@pytest.mark.ci
 def test_without_limits_the_camera_jumps():
     """At the next frame; the command takes the place of later steps of the scene."""
     later = {"start_s": 600.5, "track": "sphere02"}

@@ -154,6 +154,7 @@ BLEND = 1e-5
 """float32 images, and stamps of others that end before the pixel."""
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("exposure_s", [0.0, 0.5])
 @pytest.mark.parametrize("psf", ["gaussian", "airy"])
 def test_blended_light_is_that_of_the_planes_of_the_targets(psf, exposure_s):

@@ -223,6 +223,7 @@ def test_on_the_separatrix_the_body_turns_over_once():
     assert np.abs(momentum - expected).max() < ROTATION_ATOL_RAD
 
 
+@pytest.mark.ci
 def test_nutation_has_the_period_of_the_elliptic_integral():
     """Motions from far to near to the separatrix; scipy's K of the complement."""
     for w in np.logspace(-4, 0, 200):
