@@ -31,6 +31,7 @@ from warpsim.speed.work import BAND, speed_work
 CASES = {"20 x 128^2 at 30 Hz": (128, 20, 30.0), "1 x 1024^2 at 100 Hz": (1024, 1, 100.0)}
 """Pixels, sensors, rate [Hz]."""
 DURATION_S = 20.0
+LEAST_S = 10.0
 TIMEOUT_S = 10.0
 
 
@@ -96,6 +97,8 @@ def main() -> None:
     if options.subscribe:
         subscribe(options.subscribe[0], int(options.subscribe[1]))
         return
+    if options.duration < LEAST_S:
+        parser.error(f"--duration: must be at least {LEAST_S:g} s, as subscribers take some to begin")
     is_first = os.sched_getscheduler(0) == os.SCHED_FIFO
     found: dict[str, Any] = {
         "processor": processor_name(),
