@@ -12,7 +12,7 @@ from typing import Any
 import warpsim as ws
 from benchmarks.background_cost import us_an_image
 from benchmarks.programs import parser_of, write_or_print
-from warpsim.detector.artifacts import hit_area
+from warpsim.detector.hits_and_flicker import hit_area
 from warpsim.speed.work import speed_work
 
 N_EVENT = 1000

@@ -24,8 +24,8 @@ from warpsim.render import stages
 from warpsim.render.batch import new_inputs
 from warpsim.render.buffers import new_signal, new_spots, new_view_arrays
 from warpsim.render.device_scene import DeviceScene
+from warpsim.render.device_stars import load_catalog, star_index
 from warpsim.render.device_upload import make_device_scene
-from warpsim.render.stars import load_catalog, star_index
 
 BAND = "A"
 N_VIEW, N_SLOT = 2, 128

@@ -24,9 +24,9 @@ from warpsim.launches import Stage
 from warpsim.render.batch import new_columns, new_inputs
 from warpsim.render.buffers import new_area_series, new_sources
 from warpsim.render.device_scene import DeviceScene
+from warpsim.render.device_stars import load_catalog, star_index
 from warpsim.render.device_upload import make_device_scene
 from warpsim.render.stages import aim, gather_stars, observe_targets
-from warpsim.render.stars import load_catalog, star_index
 
 SWITCHES = list(itertools.product([False, True], repeat=3))
 SENSORS = ("sat11", "sat12", "sat27", "sat47")

@@ -6,8 +6,8 @@ from warpsim_kernels.emission import RadianceTable, band_radiance_w_m2_sr
 
 from warpsim.render.batch import new_columns, new_inputs
 from warpsim.render.buffers import new_sources
+from warpsim.render.device_stars import load_catalog, star_index
 from warpsim.render.device_upload import make_device_bodies, make_device_scene
-from warpsim.render.stars import load_catalog, star_index
 from warpsim.render.target_field import make_target_field
 
 

@@ -11,8 +11,8 @@ from warpsim_kernels.artifacts import Hits, Track, track_of
 
 import warpsim as ws
 from warpsim.cli import main
-from warpsim.detector.artifacts import LONGEST_TANGENT
-from warpsim.render.calibration import calibration_counts, detector_maps
+from warpsim.detector.hits_and_flicker import LONGEST_TANGENT
+from warpsim.render.calibration_frames import calibration_counts, detector_maps
 
 NEI = {"kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 3e-15, "exposure_s": 0.0}
 HITS = {"rate_cm2_s": 500.0, "nei_per_um": 4.0, "integration_s": 0.1, "pixel_pitch_um": 50.0, "thickness_um": 20.0}

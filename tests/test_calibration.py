@@ -9,7 +9,7 @@ from astropy.io import fits
 import warpsim as ws
 from warpsim.cli import main
 from warpsim.output.check import scene_report
-from warpsim.render.calibration import FIRST_FRAME, calibration_counts, detector_maps
+from warpsim.render.calibration_frames import FIRST_FRAME, calibration_counts, detector_maps
 from warpsim.scene.inputs import input_checksums
 
 NEI = {

@@ -14,7 +14,7 @@ from astropy.table import MaskedColumn, Table
 
 import warpsim as ws
 from warpsim.radiometry.band import Band
-from warpsim.render.stars import load_catalog
+from warpsim.render.device_stars import load_catalog
 from warpsim.sky.photometric_bands import photometric_bands, sloan_g
 from warpsim.sky.stellar_templates import GIANT, band_nodes
 

@@ -13,7 +13,7 @@ from test_catalog_size import parquet, write_hats, write_parquet
 
 import warpsim as ws
 from warpsim.output.check import scene_report
-from warpsim.render.stars import catalog_checksums
+from warpsim.render.device_stars import catalog_checksums
 from warpsim.sky import tiles
 from warpsim.sky.hats import HatsFolder
 

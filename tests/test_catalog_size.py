@@ -7,7 +7,7 @@ import pytest
 from astropy.table import Table
 
 import warpsim as ws
-from warpsim.render.stars import load_catalog
+from warpsim.render.device_stars import load_catalog
 from warpsim.sky.hats import HatsFolder, is_hats
 
 pytest.importorskip("pyarrow")

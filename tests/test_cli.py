@@ -12,7 +12,7 @@ from command_line import printed, refused, run
 
 import warpsim as ws
 from warpsim.cli import main
-from warpsim.output.catalogs import catalog_report
+from warpsim.output.star_catalogs import catalog_report
 
 LONG = "x" * 300  # letters, more than a name may have
 
@@ -343,7 +343,7 @@ def test_catalog_converts(capsys, tmp_path, stars_csv, suffix):
     ("suffix", "epoch_jyear"), [(".fits", 2016.0), (".ecsv", 2016.0), (".vot", 2000.0), (".csv", 2000.0)]
 )
 def test_files_without_an_epoch_are_written_at_j2000(tmp_path, suffix, epoch_jyear):
-    from warpsim.output.catalogs import write_catalog
+    from warpsim.output.star_catalogs import write_catalog
 
     catalog = ws.StarCatalog.from_arrays(
         [10.0], [20.0], {"A": [1.0]}, pm_ra_mas_yr=[5000.0], pm_dec_mas_yr=[0.0], epoch_jyear=2016.0

@@ -219,7 +219,7 @@ def test_the_error_names_its_field_in_a_scene(scene):
 def test_without_distortion_nothing_changes(scene):
     from warpsim_kernels.stars import StarFeatures
 
-    from warpsim.render.stars import make_gather_stars_kernel
+    from warpsim.render.device_stars import make_gather_stars_kernel
 
     zero = scene.replace(camera__distortion={}, bands=["A"])
     assert zero.camera.distortion == ws.Distortion()

@@ -21,7 +21,7 @@ from benchmarks.gpu import agree, races
 from benchmarks.gpu.agree import agreement
 from benchmarks.gpu.plan import Plan, line_of, rows_of
 from benchmarks.gpu.races import RACES
-from warpsim.render import pipeline, stages, stars
+from warpsim.render import device_stars, pipeline, stages
 from warpsim.speed.work import speed_work
 
 N_FRAME = 12
@@ -274,7 +274,7 @@ def test_stars_gathered_by_32_threads(changes, blocks, monkeypatch):
     scene = work.scene.replace(**changes)
 
     def gathered(n_thread):
-        for module in (stages, stars):
+        for module in (stages, device_stars):
             monkeypatch.setattr(module, "star_threads", lambda device: n_thread)
         renderer = ws.Renderer(scene, device="cpu", n_thread=1, catalog=work.catalog)
         return renderer.render([0, 80, 161], sensors=scene.scenario.instrument.names[:4], keep_stars=True).stars

@@ -20,9 +20,9 @@ from fuzz_cases import PARTS, SCENE
 
 import warpsim as ws
 from warpsim.files import whole_file
-from warpsim.output.catalogs import write_catalog
 from warpsim.output.checkpoints import whole_folder
 from warpsim.output.output_folder import PARTS as RUN_PARTS
+from warpsim.output.star_catalogs import write_catalog
 
 EVIL = "\x1b]0;x\x07\x1b[31mred\x9b\u202e\r\x7f"
 """Escapes of terminals, a bell, the 8-bit form of both, a turn of the reading direction, a return, a deletion."""

@@ -18,8 +18,8 @@ from benchmarks.frame_kernels import EXPOSED, STAND_IN, compiled, cuda_stages, f
 from warpsim.launches import THREADS_PER_BLOCK_CUDA, Launch, Stage
 from warpsim.render import device, device_upload
 from warpsim.render.device import KernelLoading
+from warpsim.render.device_stars import star_kernel, star_threads
 from warpsim.render.stages import image_kernels
-from warpsim.render.stars import star_kernel, star_threads
 
 N_VIEW, N_ITEM, WIDTH = 6, 5, 8
 

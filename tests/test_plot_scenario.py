@@ -14,7 +14,7 @@ from warpsim.plot.figure_files import draw_access, draw_scenario
 from warpsim.plot.group_figure import body_to_gcrs, drawn_facets, group_offsets_m
 from warpsim.plot.image_figure import camera_view, earth_clearance
 from warpsim.plot.scene_figure import broken_at_date_line, osculating_ellipse_m
-from warpsim.render.stars import load_catalog, star_index
+from warpsim.render.device_stars import load_catalog, star_index
 
 SEED = 417
 DRAWN_ATOL = 1e-9  # thousands of km; only rounding

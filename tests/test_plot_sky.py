@@ -331,7 +331,7 @@ def test_bad_input_is_named_in_one_line(draw, message):
 
 @pytest.mark.ci
 def test_matplotlib_is_loaded_only_to_draw(checkout_environment):
-    script = "import sys, warpsim.plot, warpsim.output.catalogs; sys.exit('matplotlib' in sys.modules)"
+    script = "import sys, warpsim.plot, warpsim.output.star_catalogs; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", script], env=checkout_environment, check=False).returncode == 0
 
 

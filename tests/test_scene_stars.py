@@ -13,8 +13,8 @@ from warpsim.output.plan import make_plan
 from warpsim.radiometry.band import Band
 from warpsim.render.batch import new_columns
 from warpsim.render.buffers import bytes_of, new_sources
+from warpsim.render.device_stars import catalog_checksums
 from warpsim.render.schedule import BYTES_PER_PASS, most_views
-from warpsim.render.stars import catalog_checksums
 
 VISIBLE = Band.top_hat("visible", 0.4, 0.9, per_photon=True)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from warpsim.errors import InputError
-from warpsim.output.catalogs import catalog_report
+from warpsim.output.star_catalogs import catalog_report
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import SHIPPED
 from warpsim.sky.catalog import StarCatalog

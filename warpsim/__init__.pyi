@@ -23,8 +23,8 @@ from warpsim.scene.groups import Release as Release
 from warpsim.scene.band_descriptions import BandDescription as BandDescription
 from warpsim.scene.environment import Sky as Sky
 from warpsim.scene.environment import Lighting as Lighting
-from warpsim.scene.background import Background as Background
-from warpsim.scene.background import StrayLight as StrayLight
+from warpsim.scene.background_terms import Background as Background
+from warpsim.scene.background_terms import StrayLight as StrayLight
 from warpsim.scene.scene_files import presets as presets
 
 # rendering
@@ -114,8 +114,8 @@ from warpsim.optics.psf import PsfAiry as PsfAiry
 from warpsim.optics.psf import PsfTable as PsfTable
 from warpsim.detector.detectors import NeiDetector as NeiDetector
 from warpsim.detector.detectors import ElectronDetector as ElectronDetector
-from warpsim.detector.artifacts import RadiationHits as RadiationHits
-from warpsim.detector.artifacts import Flicker as Flicker
+from warpsim.detector.hits_and_flicker import RadiationHits as RadiationHits
+from warpsim.detector.hits_and_flicker import Flicker as Flicker
 
 # stars
 from warpsim.sky.catalog import StarCatalog as StarCatalog
@@ -141,7 +141,7 @@ from warpsim.output.image_files import write_signal as write_signal
 from warpsim.output.image_files import write_fits_image as write_fits_image
 from warpsim.output.grey import write_preview as write_preview
 from warpsim.output.czml import write_czml as write_czml
-from warpsim.output.catalogs import write_catalog as write_catalog
+from warpsim.output.star_catalogs import write_catalog as write_catalog
 from warpsim.exchange.read_files import read_ephemeris as read_ephemeris
 from warpsim.exchange.read_files import read_attitude as read_attitude
 from warpsim.exchange.segments import EphemerisSegment as EphemerisSegment

@@ -81,7 +81,7 @@ def add_commands(commands: Any) -> None:
 
 def _catalog(options: argparse.Namespace) -> int:
     from warpsim.files import check_new_file
-    from warpsim.output.catalogs import FORMAT_OF_SUFFIX, catalog_report, write_catalog
+    from warpsim.output.star_catalogs import FORMAT_OF_SUFFIX, catalog_report, write_catalog
     from warpsim.plot.figure_files import check_figure_file, draw_star_counts
 
     output, figure = (Path(name) if name else None for name in (options.output, options.plot))

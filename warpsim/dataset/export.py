@@ -14,7 +14,7 @@ import numpy.typing as npt
 from warpsim.arguments import chosen_names, finite_number
 from warpsim.dataset.pictures import CHANNELS, N_CHANNEL, Grey, Picture, ToneMap, pictures_of
 from warpsim.dataset.read_dataset import DatasetReader
-from warpsim.dataset.trainer_layouts import LAYOUTS, Layout
+from warpsim.dataset.trainer_layouts import LAYOUTS, TrainerLayout
 from warpsim.errors import InputError
 from warpsim.files import write_json
 from warpsim.output.checkpoints import whole_folder
@@ -115,7 +115,7 @@ def export_dataset(
     return ExportReport(folder, format, n_image, n_label, n_hidden, n_faint, n_other, time.perf_counter() - begin)
 
 
-def _add(layout: Layout, picture: Picture, grey: Grey) -> npt.NDArray[np.int64]:
+def _add(layout: TrainerLayout, picture: Picture, grey: Grey) -> npt.NDArray[np.int64]:
     """Add a picture; return how many pictures, labels, and targets that are hidden, faint or of other classes."""
     chosen = [label for label in picture.labels if label.class_name in layout.facts["classes"]]
     labels = [label for label in chosen if label.snr >= layout.facts["least_snr"]]

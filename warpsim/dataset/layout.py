@@ -23,8 +23,8 @@ from warpsim.dataset.crossings import crossing_changes
 from warpsim.dataset.recipe import SHARDED, Recipe, choices_with_files, drawn_words
 from warpsim.errors import InputError, errors_at
 from warpsim.output.summary import package_versions
+from warpsim.render.device_stars import catalog_checksums
 from warpsim.render.frameset import FrameSet
-from warpsim.render.stars import catalog_checksums
 from warpsim.scene.environment import BUILT_IN_CATALOGS
 from warpsim.scene.inputs import input_checksums
 from warpsim.scene.provenance import provenance

@@ -24,7 +24,7 @@ from warpsim.config.fields import (
 )
 from warpsim.config.model import adapter, config_model, input_error
 from warpsim.dataset.crossings import Crossing, check_crossings
-from warpsim.detector.artifacts import has_artifacts
+from warpsim.detector.hits_and_flicker import has_artifacts
 from warpsim.errors import InputError
 from warpsim.labels.boxes import LEAST_BOX_PX
 from warpsim.scene.instrument import Instrument

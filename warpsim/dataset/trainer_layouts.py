@@ -44,7 +44,7 @@ LINE_BYTES = 2**26
 
 
 @dataclass
-class Layout:
+class TrainerLayout:
     """A folder as a trainer wants it."""
 
     home: Path
@@ -80,7 +80,7 @@ class Layout:
             file.writelines(f"{line}\n" for line in lines)
 
 
-class _Yolo(Layout):
+class _Yolo(TrainerLayout):
     """images/SPLIT/*.png, labels/SPLIT/*.txt with `class cx cy w h` in parts of the image's size, and data.yaml."""
 
     def add(self, picture: Picture, grey: Grey, labels: list[Label], ignored: list[Label]) -> None:
@@ -110,7 +110,7 @@ class _Yolo(Layout):
         self._append("data.yaml", lines)
 
 
-class _MotChallenge(Layout):
+class _MotChallenge(TrainerLayout):
     """warpsim-SPLIT/VIDEO with img1/000001.png, gt/gt.txt, gt/targets.csv and seqinfo.ini, and seqmaps."""
 
     def add(self, picture: Picture, grey: Grey, labels: list[Label], ignored: list[Label]) -> None:
@@ -152,7 +152,7 @@ class _MotChallenge(Layout):
         return ["[Sequence]", *(f"{name}={value}" for name, value in values.items())]
 
 
-class _HuggingFace(Layout):
+class _HuggingFace(TrainerLayout):
     """SPLIT/*.png with SPLIT/metadata.parquet, and a dataset card whose features name the classes.
 
     Rows are lines of JSON until the end, when they get types: of a split without any label readers could not tell them.
@@ -243,4 +243,4 @@ class _HuggingFace(Layout):
         self._append("README.md", lines)
 
 
-LAYOUTS: dict[str, type[Layout]] = {"yolo": _Yolo, "mot": _MotChallenge, "huggingface": _HuggingFace}
+LAYOUTS: dict[str, type[TrainerLayout]] = {"yolo": _Yolo, "mot": _MotChallenge, "huggingface": _HuggingFace}

@@ -9,7 +9,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from warpsim.config.fields import FileName, Integer, NonNegative, Number, Positive, Switch, closed_interval
 from warpsim.config.model import config_model
-from warpsim.detector.artifacts import Flicker, RadiationHits, check_artifacts
+from warpsim.detector.hits_and_flicker import Flicker, RadiationHits, check_artifacts
 from warpsim.errors import InputError
 from warpsim.radiometry.by_band import FractionByBand, NonNegativeByBand, PositiveByBand, in_band, named_bands
 

@@ -75,7 +75,7 @@ class ShownImage:
         return [names for clump, names in clumps.items() if clump >= 0 and len(names) > 1]
 
 
-class Images(Protocol):
+class ImageSource(Protocol):
     """A source of images by frame number."""
 
     scenario: Scenario

@@ -10,7 +10,7 @@ from warpsim.dataset.read_dataset import rebuild_sequence
 from warpsim.errors import InputError
 from warpsim.files import read_json
 from warpsim.live.run_images import FolderImages, GrowingImages, unfinished_run
-from warpsim.live.shown_images import Images, RenderedImages
+from warpsim.live.shown_images import ImageSource, RenderedImages
 from warpsim.live.view import PORT, View
 from warpsim.output.output_folder import MANIFEST
 from warpsim.render.renderer import Renderer
@@ -51,7 +51,7 @@ def view(
     return page
 
 
-def images_from(source: Scene | Scenario | Renderer | str | os.PathLike[str], sequence: int = 0) -> Images:
+def images_from(source: Scene | Scenario | Renderer | str | os.PathLike[str], sequence: int = 0) -> ImageSource:
     """Return the images of what `view` takes."""
     if isinstance(source, Renderer):
         return RenderedImages(source)

@@ -20,7 +20,7 @@ from warpsim.live.group_view import CAMERA_OF_GROUP, Groups
 from warpsim.live.page import ImagesOfBand, Player, Status, Watch, open_server
 from warpsim.live.run_images import GrowingImages
 from warpsim.live.scene_controls import SceneControls, changed_scene
-from warpsim.live.shown_images import Images, RenderedImages, ShownImage, images_of, main_targets
+from warpsim.live.shown_images import ImageSource, RenderedImages, ShownImage, images_of, main_targets
 from warpsim.live.tile import legend_html, tile_html
 from warpsim.render.frameset import FrameSet
 from warpsim.render.renderer import Renderer
@@ -54,7 +54,7 @@ class View:
     """
 
     def __init__(
-        self, images: Images, port: int = PORT, sensors: str | Sequence[str] | None = None, band: str | None = None
+        self, images: ImageSource, port: int = PORT, sensors: str | Sequence[str] | None = None, band: str | None = None
     ) -> None:
         self.images, self.scenario = images, images.scenario
         chosen = images.sensors[:MOST_TILES] if sensors is None else self.scenario.select_sensors(sensors)

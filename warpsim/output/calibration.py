@@ -15,7 +15,7 @@ from warpsim.detector.pixel_maps import read_maps
 from warpsim.errors import InputError
 from warpsim.files import check_new_file, prepare_folder, whole_file
 from warpsim.output.plan import maps_name
-from warpsim.render.calibration import calibration_counts, detector_maps
+from warpsim.render.calibration_frames import calibration_counts, detector_maps
 from warpsim.render.device import default_device
 from warpsim.scene.provenance import provenance
 from warpsim.scene.scenario import Scenario

@@ -13,7 +13,7 @@ from warpsim.orbit.node_steps import TRACK_ERROR_M
 from warpsim.output.check_pointing import target_attitude_lines
 from warpsim.output.check_sensor import sensor_lines
 from warpsim.output.wording import counted
-from warpsim.render.stars import Skies
+from warpsim.render.device_stars import Skies
 from warpsim.scene.band_descriptions import parts_with_bands, tables_by_band
 from warpsim.scene.groups import TargetGroup, TargetSpec
 from warpsim.scene.scenario import Scenario

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.constants import PLANCK_J_S, SPEED_OF_LIGHT_M_S
-from warpsim.detector.artifacts import hit_area
 from warpsim.detector.detectors import ElectronDetector, NeiDetector, detector_terms
+from warpsim.detector.hits_and_flicker import hit_area
 from warpsim.detector.levels import ElectronLevels, Levels
 from warpsim.detector.pixel_maps import read_maps
 from warpsim.optics.camera import Camera

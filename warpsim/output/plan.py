@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from warpsim.arguments import chosen_names
-from warpsim.detector.artifacts import has_artifacts
 from warpsim.detector.detectors import has_maps
+from warpsim.detector.hits_and_flicker import has_artifacts
 from warpsim.errors import InputError
 from warpsim.output.formats import Format, Images, chosen_formats
 from warpsim.output.output_folder import MANIFEST, PARTS

@@ -34,7 +34,7 @@ from warpsim.launches import struct_of, to_numpy
 from warpsim.optics.camera import Camera
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
-from warpsim.scene.background import StrayLight as StrayLightModel
+from warpsim.scene.background_terms import StrayLight as StrayLightModel
 from warpsim.scene.environment import Lighting
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.artifacts import Flicker, Hits
 
-from warpsim.detector.artifacts import has_artifacts, hit_area
+from warpsim.detector.hits_and_flicker import has_artifacts, hit_area
 from warpsim.detector.levels import ElectronLevels
 from warpsim.launches import struct_of
 from warpsim.scene.instrument import Instrument

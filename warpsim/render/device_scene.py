@@ -16,8 +16,8 @@ from warpsim.legendre import gauss_legendre, series_matrix
 from warpsim.optics.psf_bank import PsfBank
 from warpsim.render.background import DeviceBackground
 from warpsim.render.device_artifacts import DeviceArtifacts
+from warpsim.render.device_stars import SceneStars
 from warpsim.render.read_out import ReadOut
-from warpsim.render.stars import SceneStars
 from warpsim.render.target_field import TargetField
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.sensors import Sensor

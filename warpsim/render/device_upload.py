@@ -32,10 +32,10 @@ from warpsim.render.buffers import new_exposure
 from warpsim.render.device import kernel_loading
 from warpsim.render.device_artifacts import band_ids, make_artifacts
 from warpsim.render.device_scene import DeviceBodies, DeviceScene, Streaks, make_roll, streaks_at
+from warpsim.render.device_stars import make_stars, star_features, star_kernel, star_threads
 from warpsim.render.pointing_arrays import make_pointing
 from warpsim.render.read_out import make_read_out
 from warpsim.render.stages import aim, image_kernels, trace
-from warpsim.render.stars import make_stars, star_features, star_kernel, star_threads
 from warpsim.render.target_field import make_target_field
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario

@@ -19,6 +19,7 @@ from warpsim.radiometry.band import Band
 from warpsim.render.batch import Batch, HostColumns, inputs_of_views, new_batch, new_columns
 from warpsim.render.device import chosen_devices, kernel_loading, worker_count
 from warpsim.render.device_scene import Streaks
+from warpsim.render.device_stars import Skies
 from warpsim.render.device_upload import make_device_scene, with_pointing
 from warpsim.render.frame_stream import FrameStream
 from warpsim.render.frameset import FrameSet
@@ -26,7 +27,6 @@ from warpsim.render.image_stack import ImageStack
 from warpsim.render.pipelines import Pipelines
 from warpsim.render.pointing_arrays import CommandedPointing
 from warpsim.render.request import Request, checked_rate, checked_request
-from warpsim.render.stars import Skies
 from warpsim.render.stream import GROUP_BYTES, GROUP_BYTES_CUDA, Stream, StreamStats, stream_sizes
 from warpsim.render.tiled_stars import with_stars_of
 from warpsim.render.truth import observe, truth_table

@@ -27,7 +27,7 @@ from warpsim_kernels.trace import (
     spread_views_kernel,
 )
 
-from warpsim.detector.artifacts import has_artifacts
+from warpsim.detector.hits_and_flicker import has_artifacts
 from warpsim.launches import THREADS_PER_BLOCK_CUDA, Launch, Stage
 from warpsim.optics.psf_bank import PsfBank, paths_struct
 from warpsim.render.batch import Columns, Inputs
@@ -35,7 +35,7 @@ from warpsim.render.buffers import BackgroundNodes, ExposureViews, RowViews, Sig
 from warpsim.render.device import rows_per_block
 from warpsim.render.device_artifacts import FLICKER, HIT, DeviceArtifacts
 from warpsim.render.device_scene import Streaks
-from warpsim.render.stars import star_kernel, star_threads
+from warpsim.render.device_stars import star_kernel, star_threads
 
 if TYPE_CHECKING:
     from warpsim.render.device_scene import DeviceBodies, DeviceScene

@@ -14,7 +14,7 @@ from warpsim.errors import InputError
 from warpsim.launches import to_numpy
 from warpsim.render.batch import Batch
 from warpsim.render.device_scene import DeviceScene
-from warpsim.render.stars import LARGEST_SHIFT_RAD, Skies, half_width_px, jyear_of, make_stars
+from warpsim.render.device_stars import LARGEST_SHIFT_RAD, Skies, half_width_px, jyear_of, make_stars
 from warpsim.scene.scenario import Scenario
 
 BRIGHTEST_JY = 1e5

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from warpsim.config.model import parts_with_files
-from warpsim.detector.artifacts import hit_area
+from warpsim.detector.hits_and_flicker import hit_area
 from warpsim.detector.levels import levels
 from warpsim.errors import InputError, errors_at
 from warpsim.instant import Instant, instant, instant_after
@@ -19,7 +19,7 @@ from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, S
 from warpsim.orbit.ephemeris import EphemerisOrbit, EphemerisSatellites
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, SHIPPED
-from warpsim.scene.background import Background
+from warpsim.scene.background_terms import Background
 from warpsim.scene.band_descriptions import (
     BandDescription,
     find_band,

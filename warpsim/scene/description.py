@@ -15,7 +15,7 @@ from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.arc import UtcText
 from warpsim.radiometry.by_band import ByBand
 from warpsim.scene import checks
-from warpsim.scene.background import Background
+from warpsim.scene.background_terms import Background
 from warpsim.scene.band_descriptions import BandDescriptions, with_names
 from warpsim.scene.environment import Lighting, Sky
 from warpsim.scene.groups import MOST_TARGETS, AnyConstellation, TargetGroup, Text

@@ -18,7 +18,7 @@ from warpsim.optics.psf import Psf
 from warpsim.orbit.access_constraints import AccessConstraints
 from warpsim.orbit.intervals import Intervals
 from warpsim.radiometry.band import Band
-from warpsim.scene.background import Background
+from warpsim.scene.background_terms import Background
 from warpsim.scene.bodies import SceneBodies
 from warpsim.scene.camera_axes import CommandedAxes
 from warpsim.scene.exposure import ExposureRule, exposure_rule

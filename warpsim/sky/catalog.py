@@ -23,8 +23,8 @@ from warpsim.sky.stars import MOVED, Array, Stars, joined
 if TYPE_CHECKING:
     from astropy.table import Table
 
-    from warpsim.sky.readers.options import FileNames
     from warpsim.sky.readers.read import StarsOfFile
+    from warpsim.sky.readers.read_options import FileNames
 
 
 class StarCatalog(Stars):
@@ -189,8 +189,8 @@ class StarCatalog(Stars):
             InputError: The file is missing, cannot be read, or its content breaks a rule; the text names file, line
                 and column.
         """
-        from warpsim.sky.readers.options import ReadOptions
         from warpsim.sky.readers.read import read_stars
+        from warpsim.sky.readers.read_options import ReadOptions
 
         stars = read_stars(path, ReadOptions(format, columns, table, epoch_jyear, readme, region, limit))
         catalog = cls._of_files([stars])

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from warpsim.errors import InputError
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.hats import HatsFolder
-from warpsim.sky.readers.options import CatalogFile, ReadOptions
 from warpsim.sky.readers.read import StarsOfFile, read_files
+from warpsim.sky.readers.read_options import CatalogFile, ReadOptions
 
 STARS_KEPT = 1_000_000
 """Stars of tiles that are kept besides those needed: about 300 MB."""

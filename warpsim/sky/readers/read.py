@@ -15,15 +15,6 @@ from warpsim.sky.photometric_bands import check_flux_columns, flag_column
 from warpsim.sky.places import J2000_JYEAR, dec_range_deg
 from warpsim.sky.readers import infrared, visible
 from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
-from warpsim.sky.readers.options import (
-    CatalogFile,
-    FileNames,
-    ReadOptions,
-    catalog_files,
-    chosen,
-    folder_name,
-    is_parquet,
-)
 from warpsim.sky.readers.own_table import (
     arrays_of_columns,
     check_columns,
@@ -33,6 +24,15 @@ from warpsim.sky.readers.own_table import (
     merge_columns,
     own_columns,
     set_sloan_apart,
+)
+from warpsim.sky.readers.read_options import (
+    CatalogFile,
+    FileNames,
+    ReadOptions,
+    catalog_files,
+    chosen,
+    folder_name,
+    is_parquet,
 )
 from warpsim.sky.readers.survey import Survey
 from warpsim.sky.stars import Stars, joined

@@ -27,7 +27,7 @@ from warpsim.scene.sensors import Sensor
 from warpsim.sky.band_index import BandIndex
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.hats import is_hats
-from warpsim.sky.readers.options import ReadOptions
+from warpsim.sky.readers.read_options import ReadOptions
 from warpsim.sky.tiles import StarTiles
 
 
