@@ -362,8 +362,8 @@ def test_accuracy_out_of_range(accuracy, words):
 TIGHT_ATOL = {0.009: 4e-4, 0.004: 2e-4, 0.001: 5e-5}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius_px", list(TIGHT_ATOL))
-@pytest.mark.ci
 def test_tight_patterns_are_exact_away_from_edges(radius_px):
     offsets_px = np.random.default_rng(5).uniform(-3.0, 3.0, (3000, 2))
     edge_px = np.abs(np.abs(offsets_px) - 0.5).min(axis=1)

@@ -10,6 +10,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+import warpsim as ws
 from warpsim.errors import InputError
 from warpsim.radiometry.band import AB_ZERO_JY, Band
 from warpsim.radiometry.bands import BANDS, as_band, band_radiance_w_m2_sr, bands
@@ -458,3 +459,8 @@ def test_stars_have_magnitudes_in_a_band_with_either_zero_point():
     np.testing.assert_allclose(10.0 ** (-0.4 * magnitude) * by_jy.zero_mag_w_cm2, stars.irradiance_w_cm2(by_jy))
     by_w_cm2 = Band("x", *nodes, zero_mag_w_cm2=by_jy.zero_mag_w_cm2)
     np.testing.assert_array_equal(stars.magnitude(by_w_cm2), magnitude)
+
+
+def test_a_table_of_bands_with_numbers_for_names_is_refused():
+    with pytest.raises(ws.InputError, match=r"Scene: band\.1: must be a table of fields, got 2"):
+        ws.Scene.from_dict(ws.Scene.load("stss").to_dict() | {"band": {1: 2}})

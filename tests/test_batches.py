@@ -201,9 +201,9 @@ def test_images_at_a_time_fit_the_cache_of_the_cpu_and_are_many_on_cuda(scene):
     assert schedule.most_views(gpu, 100) > schedule.images_at_a_time(scene, 10**6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("psf", ["airy", "gaussian"])
 @pytest.mark.parametrize("changes", SCENES.values(), ids=SCENES)
-@pytest.mark.ci
 def test_light_does_not_depend_on_the_rows_that_threads_own(psf, changes, monkeypatch):
     """Where a stamp ends just on the edge of a thread's rows, too."""
     scene = ws.Scene.load("stss").replace(optics__psf=psf, **changes)

@@ -594,12 +594,15 @@ def test_a_worker_that_is_late_after_rendering_leaves_nothing(recipe, tmp_path, 
         drawn = write_files(work, task, scratch)
         run = folder / PARTS / "run.json"
         run.write_text(run.read_text().replace(task.key, "0" * 64))
+        for path in (folder / PARTS / "coco").iterdir():  # of the run that has begun since
+            path.unlink()
         return drawn
 
     monkeypatch.setattr("warpsim.dataset.shard._write_files", late)
     with pytest.raises(OSError, match="no longer belongs to this run"):
         ws.write_dataset(recipe, folder, n_worker=1, device="cpu")
     assert not (folder / "train").exists() and not (folder / "test").exists()
+    assert not list((folder / PARTS).glob("coco/*"))
 
 
 def test_films_are_the_same_in_whatever_calls_frames_come(recipe, tmp_path, monkeypatch):

@@ -300,7 +300,7 @@ def test_images_follow_the_parameters_of_a_target():
         assert found[number] == pytest.approx((up - down) / (2 * step[number]), rel=CHAINED)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_merged_pairs_are_fitted_to_the_bound_until_their_light_is_unknown():
     """The bound is local: it holds while it leaves the light of either source known to a few tens of percent."""
     n_draw = 100

@@ -258,6 +258,7 @@ def test_images_that_strips_do_not_fill_take_both_stages(at_once):
     assert made._at_once is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [
@@ -267,7 +268,6 @@ def test_images_that_strips_do_not_fill_take_both_stages(at_once):
     ],
     ids=["stss", "all shifts", "a lens, streaks"],
 )
-@pytest.mark.ci
 def test_stars_gathered_by_32_threads(changes, blocks, monkeypatch):
     """The same stars, in the same order and with the same bits: more than a round of threads can take."""
     work = speed_work(128, 300, 1, "gaussian")

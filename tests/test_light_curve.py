@@ -409,8 +409,8 @@ def test_painted_and_free_bodies_have_the_light_of_their_scene(painted, name, de
         np.testing.assert_allclose(curve.with_jacobian(curve.values)[0], light, rtol=0, atol=1e-13 * light.max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PAINTED)
-@pytest.mark.ci
 def test_the_jacobian_of_painted_and_free_bodies(painted, name):
     curve = ws.LightCurve(painted, name, None, TIMES, SENSORS, "A", "cpu", phase_time_s=TIMES[18])
     sets = random_sets(curve, np.random.default_rng(SEED), 100)

@@ -59,7 +59,7 @@ def test_full_pixels_do_not_count():
     assert used.tolist() == [False, False, True] and not slope[:2].any()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["nei", "electrons"])
 def test_scores_of_the_renderers_own_noise_have_mean_zero_and_the_information(name):
     """The score's mean over draws is 0, its covariance the Fisher information: of counts that the renderer made."""

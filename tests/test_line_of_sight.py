@@ -138,8 +138,8 @@ def test_free_flight_has_the_oblate_earth(scene):
 N_DRAW = 120
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("motion", "numbers"), [("still", [60]), ("free_flight", range(60, 66))])
-@pytest.mark.ci
 def test_covariance_is_that_of_draws(scene, frames, motion, numbers):
     """Errors of N_DRAW draws of noise, whitened by the stated covariance, are unit; so is chi-square by its freedom."""
     rng, sigma_px = np.random.default_rng(5), 0.05

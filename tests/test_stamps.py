@@ -213,10 +213,10 @@ def test_pixels_keep_the_error_asked_for(device, degree, radius_px, aspect, reco
         record_accuracy(CELL_LINE, worst, error, "of the flux", "quadrature")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("degree", "oversample", "smear_px"), [(3, 5.0, 0.0), (5, 5.0, 0.0), (7, 5.0, 0.0), (3, 7.0, 0.3), (3, 9.0, 0.4)]
 )
-@pytest.mark.ci
 def test_images_without_symmetry(device, degree, oversample, smear_px):
     """A table that is not mirrored, off its middle: against the spline through the same samples."""
     y, x = np.mgrid[:41, :47]

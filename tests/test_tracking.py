@@ -64,7 +64,7 @@ def bounds_m(frames, found):
     return np.array(bounds)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_images_of_three_satellites_become_a_track(renderer, tmp_path):
     frames = renderer.render(FRAMES, sensors=SENSORS, bands=["A"], keep_stars=True)
     found = ws.detections(frames)

@@ -71,7 +71,7 @@ class InputError(ValueError):
     ) -> None:
         self.rule, self.field, self.value, self.row = rule, field, value, row
         self._form, self._n_row = form, n_row
-        self._steps: tuple[_Step, ...] = (_Step(field, True),) if field else ()
+        self._steps: tuple[_Step, ...] = (_Step(str(field), True),) if field else ()
         self.errors: tuple[InputError, ...] = ()
         super().__init__(self._text())
 
@@ -96,7 +96,7 @@ class InputError(ValueError):
         """Return the error with a field's path before the place."""
         if not field:
             return self
-        error = self._with_steps((_Step(field, True),))
+        error = self._with_steps((_Step(str(field), True),))
         error.field = self.field or field
         return error
 

@@ -61,7 +61,8 @@ def _columns(path: Path) -> Columns:
 def _manifest_of(folder: Path) -> dict[str, Any]:
     manifest = read_json(folder / MANIFEST)
     if not is_record(manifest) or not all(isinstance(manifest.get(name), dict) for name in ("recipe", "splits")):
-        raise InputError(f"holds no complete data set: {MANIFEST} of `warpsim dataset` is missing").of(folder)
+        rule = f"holds no complete data set: {MANIFEST} of `warpsim dataset` is missing or damaged"
+        raise InputError(rule).of(folder)
     return dict(manifest)
 
 

@@ -206,6 +206,7 @@ def write_shard(task: Task) -> CheckpointRecord:
         files = sorted(path.relative_to(scratch).as_posix() for path in scratch.rglob("*") if path.is_file())
         facts: dict[str, Any] = {"sequences": sequences}
         if work.recipe.coco:
+            current_record(output.path, output.key)  # texts of another run are not to be replaced
             path = _texts_path(output.path, shard)
             write_json(_texts(work.recipe, scratch, shard), path)
             facts["texts"] = sha256_of(path)

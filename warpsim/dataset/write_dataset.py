@@ -138,7 +138,8 @@ class _Dataset:
 
     def records_of(self, folder: OutputFolder, manifest: dict[str, Any]) -> dict[str, CheckpointRecord]:
         """Return the records in the manifest."""
-        return dict(manifest.get("shards", {}))
+        shards = manifest.get("shards")
+        return shards if isinstance(shards, dict) else {}
 
     def write_missing(self, folder: OutputFolder, records: dict[str, CheckpointRecord]) -> None:
         """Write the missing shards, and collect their records."""

@@ -270,8 +270,8 @@ class OutputFolder:
 
     def _checkpoints(self) -> dict[str, CheckpointRecord]:
         """Return the records of the shards whose files are there and undamaged."""
-        records = map(read_json, self.parts.glob(f"{CHECKPOINTS}/*.json"))
-        found = {record["shard"]: record for record in records if has_key(record, self.key)}
+        read = {path.stem: read_json(path) for path in self.parts.glob(f"{CHECKPOINTS}/*.json")}
+        found = {shard: record for shard, record in read.items() if has_key(record, self.key)}
         whole = which_match(self.path, {name: record["files"] for name, record in found.items()})
         return {name: record for name, record in found.items() if whole[name]}
 
