@@ -605,7 +605,7 @@ def test_a_worker_that_is_late_after_rendering_leaves_nothing(recipe, tmp_path, 
     assert not list((folder / PARTS).glob("coco/*"))
 
 
-def test_films_are_the_same_in_whatever_calls_frames_come(recipe, tmp_path, monkeypatch):
+def test_animations_are_the_same_in_whatever_calls_frames_come(recipe, tmp_path, monkeypatch):
     given = ws.Recipe.from_dict(
         recipe.to_dict() | {"preview": "gif", "n_sequence": 1, "n_frame": 7, "split": {"all": 1}, "coco": False}
     )

@@ -1,4 +1,4 @@
-"""Single images as files: numbers and facts come back as they were, to OpenImageIO and to others; films are films."""
+"""Single images as files: numbers and facts come back as they were, to OpenImageIO and to others; animations."""
 
 import json
 import subprocess
@@ -14,7 +14,6 @@ from astropy.io import fits
 from astropy.wcs import WCS
 
 import warpsim as ws
-from warpsim.output import grey as films
 from warpsim.output.grey import write_preview
 from warpsim.output.image_files import image_facts, read_image, write_counts, write_fits_image, write_signal
 
@@ -293,7 +292,7 @@ def pictures_of(path):
 
 @pytest.mark.parametrize("name", ["a.gif", "a.mp4"])
 @pytest.mark.ci
-def test_films_show_every_image(scene, tmp_path, name):
+def test_animations_show_every_image(scene, tmp_path, name):
     pytest.importorskip("av") if name == "a.mp4" else None
     counts, places = film(scene)
     path = tmp_path / name
@@ -321,7 +320,7 @@ write_preview(sys.argv[2], np.load(sys.argv[1]), Levels(1e-15, 1e-12, float(sys.
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["a.gif", "a.mp4"])
-def test_films_do_not_depend_on_what_lay_in_memory(scene, tmp_path, checkout_environment, name):
+def test_animations_do_not_depend_on_what_lay_in_memory(scene, tmp_path, checkout_environment, name):
     """Where x264 chooses the quality itself they do."""
     pytest.importorskip("av") if name == "a.mp4" else None
     np.save(tmp_path / "counts.npy", film(scene)[0])
@@ -337,7 +336,7 @@ def test_films_do_not_depend_on_what_lay_in_memory(scene, tmp_path, checkout_env
 @pytest.mark.parametrize("name", ["a.gif", "a.mp4"])
 def test_large_images_are_reduced_by_their_brightest_pixels(scene, tmp_path, monkeypatch, name):
     pytest.importorskip("av") if name == "a.mp4" else None
-    monkeypatch.setattr(films, "PREVIEW_PX", 20)
+    monkeypatch.setattr("warpsim.output.grey.PREVIEW_PX", 20)
     counts, places = film(scene)  # 40 x 50 by blocks of 3: 14 x 17; MP4 has even sides
     write_preview(tmp_path / name, counts, levels_of(scene))
     grey, _ = pictures_of(tmp_path / name)
@@ -357,14 +356,14 @@ def test_large_images_are_reduced_by_their_brightest_pixels(scene, tmp_path, mon
         ("a.gif", FILM[0], 10, r"got \(33, 47\)"),
     ],
 )
-def test_films_that_cannot_be_made_are_named(scene, tmp_path, name, counts, fps, text):
+def test_animations_that_cannot_be_made_are_named(scene, tmp_path, name, counts, fps, text):
     with pytest.raises(ws.InputError, match=text):
         write_preview(tmp_path / name, counts, levels_of(scene), fps)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_mp4_says_which_extra_it_needs(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr(films.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(ws.InputError, match=r"needs PyAV, .* the extra `video` brings: pip install 'warpsim\[video\]'"):
         write_preview(tmp_path / "a.mp4", FILM, levels_of(scene))
 

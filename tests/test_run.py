@@ -22,8 +22,7 @@ import warpsim as ws
 from warpsim.cli import main
 from warpsim.files import sha256_of, whole_file
 from warpsim.optics.wcs import tan_keywords
-from warpsim.output import fits_images, wording, zarr_array
-from warpsim.output import grey as films
+from warpsim.output import fits_images, grey, wording, zarr_array
 from warpsim.output.fits_images import read_cube
 from warpsim.output.growing import GrowingFiles
 from warpsim.output.image_files import read_image
@@ -683,7 +682,7 @@ def test_missing_packages_are_named(scene, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "zarr", None)
     with pytest.raises(ws.InputError, match=r"the extra `zarr` brings: pip install 'warpsim\[zarr\]'"):
         run(scene, tmp_path / "out", formats=["zarr"])
-    monkeypatch.setattr(films.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(grey.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ws.InputError, match=r"the extra `video` brings: pip install 'warpsim\[video\]'"):
         run(scene, tmp_path / "out", preview="mp4")
     assert not (tmp_path / "out").exists()
@@ -699,7 +698,7 @@ def test_names_given_twice_are_written_once(scene, tmp_path):
 
 
 @pytest.mark.ci
-def test_films_of_a_run_have_every_frame(scene, tmp_path):
+def test_animations_of_a_run_have_every_frame(scene, tmp_path):
     av = pytest.importorskip("av")
     run(scene, tmp_path, *PICKS[:2], ["A"], preview="mp4")
     with av.open(tmp_path / "sat47_A.mp4") as file:

@@ -42,7 +42,7 @@ every_body = pytest.mark.parametrize("shape", BODIES.values(), ids=BODIES)
 
 
 def side_angle_rad(shape):
-    """Angle between side and axis: where an outline has its kinks."""
+    """Angle between side and axis: where a projected area has its kinks."""
     if shape not in TURNED.values():
         return 0.3
     base, top, height = ends_m(shape)
@@ -158,7 +158,7 @@ def test_full_phase_and_behind(shape):
 
 
 @every_body
-def test_sun_from_all_sides_gives_pi_times_the_outline(shape):
+def test_sun_from_all_sides_gives_pi_times_the_projected_area(shape):
     """The integral of max(0, n.s) over all directions s is pi for each n."""
     x, weight = np.polynomial.legendre.leggauss(48)
     half = side_angle_rad(shape)
@@ -242,9 +242,9 @@ def test_meshes_converge_to_closed_forms(name, record_accuracy):
     def error(n):
         mesh = turned_mesh(shape, n)
         assert mesh.convex
-        outline = np.abs(mesh.projected_area_along_m2(view) - shape.projected_area_along_m2(view)).max()
+        projected = np.abs(mesh.projected_area_along_m2(view) - shape.projected_area_along_m2(view)).max()
         lit = np.abs(mesh.reflected_area_m2(view, sun) - shape.reflected_area_m2(view, sun)).max()
-        return np.array([outline, lit]) / shape.surface_m2
+        return np.array([projected, lit]) / shape.surface_m2
 
     coarse, fine, finest = error(60), error(240), error(2000)
     assert (fine < coarse / 6).all()  # second order: 16 times smaller, but for where the kinks fall
@@ -331,8 +331,8 @@ def test_facets_of_a_scene_stand_once_and_give_the_same_areas(device):
     view, sun = random_directions(50), random_directions(50, SEED + 1)
     for shape, first in zip(shapes, table.first, strict=True):
         inputs = [body_struct(shape, first), table.facets, view, sun]
-        (outline,) = launched(projected_area_along_kernel, 50, inputs[:3], [wp.float64], device)
-        np.testing.assert_allclose(outline, shape.projected_area_along_m2(view), rtol=1e-13, atol=0)
+        (area_m2,) = launched(projected_area_along_kernel, 50, inputs[:3], [wp.float64], device)
+        np.testing.assert_allclose(area_m2, shape.projected_area_along_m2(view), rtol=1e-13, atol=0)
         (lit,) = launched(reflected_area_kernel, 50, inputs, [wp.float64], device)
         np.testing.assert_allclose(lit, shape.reflected_area_m2(view, sun), rtol=1e-13, atol=1e-15)
     with pytest.raises(ws.InputError, match="a mesh can be used only with the facets of its scene"):

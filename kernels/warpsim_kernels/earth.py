@@ -89,7 +89,7 @@ def is_earth_near(observer_m: wp.vec3d, direction: wp.vec3d, radius_rad: wp.floa
 
 @wp.func
 def covered_fraction(sun_rad: wp.float64, earth_rad: wp.float64, apart_rad: wp.float64) -> wp.float64:
-    """Share of the Sun's disc behind the Earth's; angular radii and distance of the centres [rad].
+    """Fraction of the Sun's disc behind the Earth's; angular radii and distance of the centres [rad].
 
     Two caps of the unit sphere that cross have two sectors less two spherical triangles in common. Half-angle formulae
     and l'Huilier's keep the digits at first and last contact.
@@ -117,21 +117,21 @@ def covered_fraction(sun_rad: wp.float64, earth_rad: wp.float64, apart_rad: wp.f
 
 
 @wp.func
-def sunlit_fraction(place_m: wp.vec3d, to_sun_m: wp.vec3d, earth: Earth) -> wp.float64:
-    """Share of the Sun's disc seen from a place past the Earth's ellipsoid, 0 to 1.
+def sunlit_fraction(position_m: wp.vec3d, to_sun_m: wp.vec3d, earth: Earth) -> wp.float64:
+    """Fraction of the Sun's disc seen from a position past the Earth's ellipsoid, 0 to 1.
 
     The polar axis is stretched until the ellipsoid is a sphere; the Sun's disc is then an ellipse, and counts with its
     reach towards the Earth's centre.
     """
-    if wp.dot(place_m, to_sun_m) >= _ZERO:
+    if wp.dot(position_m, to_sun_m) >= _ZERO:
         return _ONE  # above the plane across the local vertical, where the Earth's disc does not reach
-    place = stretched(place_m, earth)
+    position = stretched(position_m, earth)
     to_sun = stretched(to_sun_m, earth)
-    # Sine of the angle from the Earth's limb to the Sun's centre, times the square of the place and the Sun's distance.
-    # Where it is more than the Sun's radius, all or nothing is seen: most places need no angles, and no division.
-    square = wp.dot(place, place)
-    beside = wp.length(wp.cross(place, to_sun))
-    behind = -wp.dot(place, to_sun)
+    # Sine of the angle from the Earth's limb to the Sun's centre, times squared radius and the Sun's distance. Where
+    # it is more than the Sun's radius, all or nothing is seen: most positions need no angles, and no division.
+    square = wp.dot(position, position)
+    beside = wp.length(wp.cross(position, to_sun))
+    behind = -wp.dot(position, to_sun)
     limb = wp.sqrt(wp.max(square - earth.equatorial_radius_m * earth.equatorial_radius_m, _ZERO))
     past_limb = beside * limb - behind * earth.equatorial_radius_m
     if wp.abs(past_limb) > _SUN_AND_MORE * SUN_RADIUS_M * square:
@@ -141,13 +141,13 @@ def sunlit_fraction(place_m: wp.vec3d, to_sun_m: wp.vec3d, earth: Earth) -> wp.f
     away = to_sun_m / distance_m
     length_m = wp.length(to_sun)
     ahead = to_sun / length_m
-    across = ahead * wp.dot(place, ahead) - place
+    across = ahead * wp.dot(position, ahead) - position
     width = wp.length(across)
     factor = _ONE
     if width > _ZERO:
         reach = stretched(across / width, earth)
         factor = wp.length(reach - away * wp.dot(reach, away))
     sun_rad = wp.atan(sine / wp.sqrt((_ONE - sine) * (_ONE + sine)) * factor * distance_m / length_m)
-    earth_rad = wp.asin(wp.min(earth.equatorial_radius_m / wp.length(place), _ONE))
+    earth_rad = wp.asin(wp.min(earth.equatorial_radius_m / wp.length(position), _ONE))
     apart_rad = wp.atan2(beside, behind)
     return _ONE - covered_fraction(sun_rad, earth_rad, apart_rad)

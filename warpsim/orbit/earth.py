@@ -206,15 +206,15 @@ def frame_to_gcrs(frame: str, epoch: Epoch, time_s: ArrayLike) -> F64:
     times = np.asarray(time_s, np.float64)
     if frame in ("GCRF", "EME2000"):
         return np.broadcast_to(np.eye(3) if frame == "GCRF" else eme2000_to_gcrs(), (len(times), 3, 3))
-    turning: dict[str, Callable[[Any], Any]] = {
+    rotations: dict[str, Callable[[Any], Any]] = {
         "ITRF": framelib.itrs.rotation_at,
         "TEME": sgp4lib.TEME.rotation_at,
         "TOD": lambda t: t.M,
         "MOD": framelib.mean_equator_and_equinox_of_date.rotation_at,
     }
-    if frame not in turning:
+    if frame not in rotations:
         raise InputError(f"must be one of {', '.join(FRAMES)}", "frame", frame)
-    return _skyfield_to_gcrs(turning[frame], epoch, times)
+    return _skyfield_to_gcrs(rotations[frame], epoch, times)
 
 
 def states_to_gcrs(frame: str, epoch: Epoch, time_s: F64, position_m: F64, velocity_m_s: F64) -> tuple[F64, F64]:

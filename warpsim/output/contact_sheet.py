@@ -36,7 +36,7 @@ _MARK_PX = (3.0, 1.5)  # a tick above a target, from and to so many pixels of th
 Planes = Callable[[Images, list[int]], npt.NDArray[np.uint16]]
 """(images of a sensor, frame numbers) -> counts, shape (n, n_row, n_col)."""
 
-Places = Callable[[Images, list[int]], list[npt.NDArray[np.float64]]]
+Positions = Callable[[Images, list[int]], list[npt.NDArray[np.float64]]]
 """(images of a sensor, frame numbers) -> columns and rows of the targets with light, each of shape (n, 2) [px]."""
 
 Label = tuple[int, int, str, int, tuple[float, float, float]]
@@ -44,7 +44,7 @@ Label = tuple[int, int, str, int, tuple[float, float, float]]
 
 
 def draw_contact_sheet(
-    scene: SceneDescription, rows: Sequence[Images], planes: Planes, path: Path, places: Places | None = None
+    scene: SceneDescription, rows: Sequence[Images], planes: Planes, path: Path, positions_px: Positions | None = None
 ) -> None:
     """Draw a PNG of some frames of every sensor.
 
@@ -53,7 +53,7 @@ def draw_contact_sheet(
         rows: What is shown, sensor by sensor.
         planes: Reads images.
         path: File to write.
-        places: Where targets are; tiles then show the part of an image about them, with a tick above each. Whole
+        positions_px: Where targets are; tiles then show the part of an image about them, with a tick above each. Whole
             images when left out.
     """
     times_s = np.unique(np.concatenate([row.instrument.frame_time_s(row.frames) for row in rows]))
@@ -68,7 +68,7 @@ def draw_contact_sheet(
     labels: list[Label] = [(8, 20, title, 15, _INK), (8, 38, words, 13, _FAINT), (8, TOP_PX - 6, "t [s]", 13, _INK)]
     labels += [(_left(i), TOP_PX - 6, f"{time_s:.1f}", 13, _INK) for i, time_s in enumerate(columns)]
     for number, row in enumerate(rows):
-        labels += _draw_row(canvas, TOP_PX + number * (TILE_PX + GAP_PX), row, columns, planes, places)
+        labels += _draw_row(canvas, TOP_PX + number * (TILE_PX + GAP_PX), row, columns, planes, positions_px)
     write_grey(path, _with_labels(canvas, labels), provenance(scene), settings={})
 
 
@@ -86,7 +86,7 @@ def _bands_text(rows: Sequence[Images]) -> str:
 
 def _draw_row(
     canvas: npt.NDArray[np.uint8], top: int, row: Images, columns: Sequence[float], planes: Planes,
-    places: Places | None,
+    positions_px: Positions | None,
 ) -> list[Label]:  # fmt: skip
     """Draw the tiles of a sensor; the labels that belong to them."""
     middle = top + TILE_PX // 2
@@ -99,7 +99,7 @@ def _draw_row(
     if shown:
         numbers = [row.frames[index] for index in shown.values()]
         tiles = dict(zip(shown, planes(row, numbers), strict=True))
-        points = dict(zip(shown, places(row, numbers), strict=True)) if places else {}
+        points = dict(zip(shown, positions_px(row, numbers), strict=True)) if positions_px else {}
     for column, time_s in enumerate(columns):
         left = _left(column)
         if column not in tiles:

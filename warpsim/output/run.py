@@ -278,14 +278,14 @@ class Run:
             read = (form.counts(folder, row, frames) for form in plan.formats.values())
             return next(counts for counts in read if counts is not None)
 
-        def places(row: Images, frames: list[int]) -> list[npt.NDArray[np.float64]]:
+        def positions_px(row: Images, frames: list[int]) -> list[npt.NDArray[np.float64]]:
             lit = np.ma.filled(truth["irradiance_w_cm2"], 0.0) > 0  # columns that not all kinds have are masked
             own = truth[(truth["sensor"] == row.sensor) & (truth["band"] == row.band) & lit]
             xy_px = np.stack([np.asarray(own[name], np.float64) for name in ("x_px", "y_px")], axis=1)
             there = np.isfinite(xy_px).all(axis=1)  # behind a camera there is no place
             return [xy_px[there & (np.asarray(own["frame"]) == frame)] for frame in frames]
 
-        marks = places if self.sheet == "targets" else None
+        marks = positions_px if self.sheet == "targets" else None
         draw_contact_sheet(plan.scenario.scene, rows, planes, folder / SHEET, marks)
 
     def _manifest(self, key: str, checksums: dict[str, str]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from warpsim.radiometry.bands import as_band
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.catalog_columns import BAND_NAMES
 from warpsim.sky.photometric_bands import FLUX_FILLED, FLUX_MEASURED, FLUX_NONE, FLUX_PREDICTED
-from warpsim.sky.places import J2000_JYEAR
+from warpsim.sky.positions import J2000_JYEAR
 from warpsim.sky.star_counts import magnitude_counts
 from warpsim.sky.synthetic import GALACTIC_OF_ICRS
 

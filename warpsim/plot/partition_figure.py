@@ -17,7 +17,7 @@ from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.plot.figure import PALE
 from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.places import position_of
+from warpsim.sky.positions import position_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,7 +16,7 @@ from warpsim.radiometry.sun_and_earth import earth_spectrum, solar_spectrum
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene, scenario_of
 from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.places import position_of
+from warpsim.sky.positions import position_of
 from warpsim.sky.star_counts import irradiance_counts, magnitude_counts
 from warpsim.sky.stellar_templates import GIANT, templates
 from warpsim.sky.synthetic import GALACTIC_OF_ICRS

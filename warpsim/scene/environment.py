@@ -27,7 +27,7 @@ from warpsim.radiometry.bands import BANDS, name_among
 from warpsim.radiometry.by_band import AS_DICT, ByBand, FixedMapping, band_table, in_band, within
 from warpsim.radiometry.sun_and_earth import earth_albedo, earth_brightness_temperature_k, sun_irradiance_w_m2
 from warpsim.sky.photometric_bands import check_flux_band
-from warpsim.sky.places import Cone, checked_region
+from warpsim.sky.positions import Cone, checked_region
 from warpsim.target.surface import UnitFractionByBand
 
 BUILT_IN_CATALOGS = ("default", "union", "synthetic", "none")

@@ -15,7 +15,7 @@ from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
 from warpsim.sky.catalog_columns import checked_columns, checked_limits
-from warpsim.sky.places import J2000_JYEAR, checked_jyear, paper_motion, rigorous_motion
+from warpsim.sky.positions import J2000_JYEAR, checked_jyear, paper_motion, rigorous_motion
 from warpsim.sky.readers.own_table import stars_of_table, table_of
 from warpsim.sky.star_photometry import warn_colours
 from warpsim.sky.stars import MOVED, Array, Stars, joined

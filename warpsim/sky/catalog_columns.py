@@ -22,7 +22,7 @@ from warpsim.sky.photometric_bands import (
     flux_column,
     photometric_bands,
 )
-from warpsim.sky.places import J2000_JYEAR, checked_jyear, wrapped_deg
+from warpsim.sky.positions import J2000_JYEAR, checked_jyear, wrapped_deg
 from warpsim.sky.spectral_types import CLASS_UNKNOWN, of_spectral_types, warn_unknown_types
 from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_templates import DWARF

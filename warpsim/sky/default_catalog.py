@@ -17,7 +17,7 @@ from warpsim_catalogs import path
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band
 from warpsim.sky.photometric_bands import FLUX_MEASURED, FLUX_NONE, flux_of_magnitude_jy
-from warpsim.sky.places import J2000_JYEAR
+from warpsim.sky.positions import J2000_JYEAR
 from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_spectrum import check_band
 from warpsim.sky.stellar_templates import DWARF, GIANT, colour, colour_temperature_k

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.sky.default_catalog import HipGaiaStars
-from warpsim.sky.places import J2000_JYEAR, rigorous_motion
+from warpsim.sky.positions import J2000_JYEAR, rigorous_motion
 from warpsim.sky.spectral_types import of_spectral_types
 from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_templates import GIANT

@@ -26,7 +26,7 @@ from warpsim.arguments import check_memory
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.photometric_bands import FLUX_PREDICTED
-from warpsim.sky.places import J2000_JYEAR, position_of
+from warpsim.sky.positions import J2000_JYEAR, position_of
 from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_templates import GIANT
 from warpsim.streams import uniforms

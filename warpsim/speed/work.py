@@ -26,7 +26,7 @@ from warpsim.render.renderer import Renderer
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.sky.catalog import StarCatalog
-from warpsim.sky.places import position_of
+from warpsim.sky.positions import position_of
 from warpsim.streams import uniforms
 
 F64 = npt.NDArray[np.float64]

@@ -22,7 +22,7 @@ from warpsim.sky.photometric_bands import (
     photometric_bands,
     sloan_g,
 )
-from warpsim.sky.places import J2000_JYEAR
+from warpsim.sky.positions import J2000_JYEAR
 from warpsim.sky.readers.survey import angle_deg, has_parts, note_position, position_deg, real_colours, real_magnitudes
 from warpsim.sky.star_photometry import StarPhotometry
 from warpsim.sky.stars import Stars

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from warpsim.errors import InputError, errors_at
 from warpsim.sky.catalog_columns import checked_columns
 from warpsim.sky.photometric_bands import check_flux_columns, flag_column
-from warpsim.sky.places import J2000_JYEAR, dec_range_deg
+from warpsim.sky.positions import J2000_JYEAR, dec_range_deg
 from warpsim.sky.readers import infrared, visible
 from warpsim.sky.readers.layouts import LAYOUTS, likely_layout
 from warpsim.sky.readers.own_table import (

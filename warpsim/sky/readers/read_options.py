@@ -13,7 +13,7 @@ import numpy as np
 from warpsim.errors import InputError, errors_at
 from warpsim.sky.hats import HatsFolder, hats_name, is_hats
 from warpsim.sky.photometric_bands import check_flux_band, flux_of_magnitude_jy
-from warpsim.sky.places import Cone, checked_jyear, checked_region, within_cones
+from warpsim.sky.positions import Cone, checked_jyear, checked_region, within_cones
 from warpsim.sky.stars import Stars
 
 FileNames = str | PathLike[str] | Sequence[str | PathLike[str]]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from warpsim.errors import InputError
 from warpsim.sky.photometric_bands import flux_of_magnitude_jy
-from warpsim.sky.places import J2000_JYEAR
+from warpsim.sky.positions import J2000_JYEAR
 from warpsim.tables.columns import MISSING, ColumnTable, is_number, plain_name
 
 Array = NDArray[np.float64]

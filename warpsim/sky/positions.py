@@ -1,4 +1,4 @@
-"""Places of stars: positions at another epoch, by rigorous motion or the paper's linear one; regions of the sky."""
+"""Positions of stars: at another epoch, by rigorous motion or the paper's linear one, and within regions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Cone = tuple[float, float, float]
 """Right ascension, declination and radius [deg]."""
 
 LONGEST_MOTION_YR = 1e5
-"""Beyond, a straight line is no model of a star's way, even in jest."""
+"""Beyond, a straight line models no motion of a star."""
 
 _MAS_RAD = math.pi / 180.0 / 3.6e6
 
@@ -128,11 +128,11 @@ def dec_range_deg(region: Sequence[Cone]) -> tuple[float, float]:
 
 
 def within_cones(ra_deg: Array, dec_deg: Array, region: Sequence[Cone]) -> NDArray[np.bool_]:
-    """Return whether each place lies in any of some cones, their edges included, shape (n,)."""
+    """Return whether each position lies in any of some cones, their edges included, shape (n,)."""
     inside = np.zeros(len(ra_deg), dtype=np.bool_)
-    place = unit_vectors(ra_deg, dec_deg)
+    direction = unit_vectors(ra_deg, dec_deg)
     for ra, dec, radius in region:
         axis = unit_vectors(np.array([ra]), np.array([dec]))[0]
         # By the chord: a cosine says nothing of arc seconds.
-        inside |= np.linalg.norm(place - axis, axis=1) <= 2.0 * np.sin(0.5 * np.radians(radius)) * (1.0 + 1e-15)
+        inside |= np.linalg.norm(direction - axis, axis=1) <= 2.0 * np.sin(0.5 * np.radians(radius)) * (1.0 + 1e-15)
     return inside
