@@ -324,6 +324,17 @@ def test_subscribers_that_are_slow_stopped_or_killed_disturb_nobody(renderer, re
     np.testing.assert_array_equal(counts_of(packets[4 * 7 + 2]), rendered.counts.numpy()[7, 1, 0])
 
 
+def test_a_library_that_does_not_end_holds_up_nobody(renderer, monkeypatch):
+    """libzmq may wait forever for a subscriber that is stopped; the server ends all the same."""
+    released, ended, term = threading.Event(), [], zmq.Context.term
+    monkeypatch.setattr("warpsim.serving.sockets.END_S", 0.0)
+    monkeypatch.setattr(zmq.Context, "term", lambda context: ended.append(released.wait(30.0)) or term(context))
+    with ws.FrameServer(renderer, range(1), SENSORS, BANDS, address="tcp://127.0.0.1:*"):
+        pass
+    assert not ended
+    released.set()
+
+
 @pytest.mark.parametrize("late", ["send", "drop"])
 def test_late_frames(late, renderer, reader, ring):
     """Frames due within 6 us, sooner than any can be sent: all go out late, or some only; the sequence has no gap."""

@@ -22,6 +22,8 @@ QUEUE_BYTES = 64 * 2**20
 LEAST_QUEUED_FRAMES = 4
 LINGER_MS = 1000
 """Packets that are under way at the end have so long to go."""
+END_S = 5.0
+"""The library has so long to end when nothing is under way any more."""
 POLL_MS = 50
 REPLIED = ("sensor", "frame", "start_s", "settled_s")
 """Fields of a command that was carried out, in the reply."""
@@ -51,8 +53,15 @@ def _bound(kind: str, address: str, field: str, **options: int) -> tuple[Any, st
 
 
 def _close(socket: Any, linger_ms: int) -> None:
+    """Close a socket and its context, on a thread of its own that is left behind where the library does not end.
+
+    `zmq_ctx_term` waits forever where it loses count of a subscriber that is killed or stopped while packets are under
+    way to it (libzmq issue 2586).
+    """
     socket.close(linger_ms)
-    socket.context.term()
+    ending = threading.Thread(target=socket.context.term, name="warpsim-sockets-end", daemon=True)
+    ending.start()
+    ending.join(linger_ms / 1000 + END_S)
 
 
 class Publisher:
