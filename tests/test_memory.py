@@ -145,13 +145,14 @@ def test_consecutive_views_are_copied(device, via, dtype, shape):
     copy_views(back, 7, middle, 2, 2)
     copy_views(back, 0, middle, 0, 0)
     wp.synchronize_device(device)
-    found, expected = memory_of(back.to("cpu")).reshape(9, -1), values.reshape(6, -1)
+    on_host = back.to("cpu")
+    found, expected = memory_of(on_host).reshape(9, -1), values.reshape(6, -1)
     np.testing.assert_array_equal(found[7:], expected[4:6])
     assert not found[:7].any()
 
 
 def memory_of(array):
-    """Bytes of an array in host memory."""
+    """Bytes of an array in host memory, for as long as it is held."""
     n_byte = array.size * wp.types.type_size_in_bytes(array.dtype)
     return np.ctypeslib.as_array((ctypes.c_uint8 * n_byte).from_address(array.ptr or 0)) if n_byte else np.empty(0)
 

@@ -189,7 +189,8 @@ def test_slews_of_others_do_not_change_an_exposure(scene, device):
         signals.append(frames.signal_w_cm2.numpy())
         truth = frames.truth[frames.truth["target"] == "center"]
         assert abs(truth["dx_px"][0]) < 0.5
-    np.testing.assert_array_equal(*signals)
+    # A GPU's compiler fuses multiplications and additions of these two kernels as it likes.
+    np.testing.assert_allclose(*signals, rtol=2e-7 if device.startswith("cuda") else 0.0)
 
 
 @pytest.mark.parametrize("back_deg", [180.0, 179.9, -179.9])

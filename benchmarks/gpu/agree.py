@@ -37,7 +37,9 @@ OF_TRUTH = 1e-5
 MEASURED_BY = {"left_out_w_cm2": "irradiance_w_cm2", "snr_peak": "snr"}
 """Columns that are parts of others, by which their differences are measured."""
 
-OF_OWN_PIXEL = ("blend_fraction", "snr_peak", "x_sigma_px", "y_sigma_px", "irradiance_sigma_w_cm2")
+OF_OWN_PIXEL = (
+    "blend_fraction", "snr_peak", "background_w_cm2", "noise_nei", "x_sigma_px", "y_sigma_px", "irradiance_sigma_w_cm2",
+)  # fmt: skip
 """Columns that ask which pixel a target lies in. A tracked one may lie on the corner of four, where the last bit
 decides: these are compared for targets that are EDGE_PX and more from an edge."""
 
@@ -49,6 +51,20 @@ FEW_E: dict[str, Any] = {
 }  # fmt: skip
 TERMS: dict[str, Any] = {"prnu": 0.01, "dead_fraction": 0.01, "hot_fraction": 0.01, "nonlinearity": 0.1}
 ODD: dict[str, Any] = {"bands": ["A", "C"], "camera__n_row": 40, "camera__n_col": 61}
+DAYLIGHT: dict[str, Any] = {
+    "bands": ["G"], "camera__fov_deg": 60.0, "optics__psf": "gaussian", "optics__sigma_px": 0.7,
+    "detector__nei_w_cm2": 2e-13, "detector__sei_w_cm2": 2e-7,
+}  # fmt: skip
+BODY: dict[str, Any] = {"temperature": {"start_k": 300.0}, "surface": {"emissivity": 0.9}}
+TURNING: list[dict[str, Any]] = [
+    {"name": "half", "shape": ws.Cylinder(radius_m=0.25, height_m=1.0), **BODY,
+     "patches": [{"azimuth_deg": [0.0, 180.0], "surface": {"emissivity": 0.1}}],
+     "attitude": {"spin_rev_s": 0.05, "precession_angle_deg": 70.0, "axis": [1.0, 0.0, 0.0], "spin_phase_rev": 0.0,
+                  "precession_phase_rev": 0.0}},
+    {"name": "tumbler", "shape": ws.Cone(radius_m=0.3, height_m=1.2), **BODY,
+     "attitude": {"kind": "torque_free", "moments": [1.0, 1.6, 2.0], "rates_deg_s": [0.3, 20.0, 0.3],
+                  "quaternion": [0.0, 0.0, 0.0, 1.0]}},
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -116,6 +132,7 @@ def _later_terms() -> dict[str, Case]:
     stray = {"angle_deg": [0, 10, 30, 60, 90, 180], "ratio_sr": [1e-1, 1e-3, 1e-5, 1e-6, 1e-7, 1e-8]}
     rows = {"detector__exposure_s": 0.032, "detector__streaks": True, "detector__line_time_s": 1e-3}
     limb = {"kind": "fixed", "azimuth_elevation_deg": [90.0, -36.4]}
+    down = {"kind": "fixed", "azimuth_elevation_deg": [0.0, -90.0]}
     earth = {"zodiacal": True, "earth": True, "stray_light": stray}
     wide = {"camera__fov_deg": 3.0, "detector__sei_w_cm2": 1e-10, "detector__nei_w_cm2": 1e-16}
     return {
@@ -125,7 +142,16 @@ def _later_terms() -> dict[str, Case]:
         "zodiacal light": Case(stss.replace(background={"zodiacal": True, "stray_light": stray}), [60, 61], two),
         "the Earth behind": Case(stss.replace(pointing=limb, background=earth, **wide), [60], two),
         "TDI": Case(stss.replace(**rows, detector__tdi_stages=32), [60, 61], two),
+        "map of the sky": Case(stss.replace(background={"sky_map": f"python:{__name__}:glow"}), [60, 61], two),
+        "the Earth by day": Case(stss.replace(pointing=down, background=earth, **DAYLIGHT), [0, 1], two),
+        "painted and tumbling": Case(stss.replace(targets=TURNING), range(60, 64), two),
     }
+
+
+def glow(directions: npt.NDArray[np.float64], band: ws.Band) -> npt.NDArray[np.float64]:
+    """A sky whose radiance [W/cm2/sr] waves in all directions."""
+    x, y, z = directions.T
+    return 1e-11 * (2.0 + np.sin(40.0 * x) * np.cos(30.0 * y) + z)
 
 
 def _sizes() -> dict[str, Case]:

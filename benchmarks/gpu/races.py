@@ -199,6 +199,8 @@ def _read_late(device: str, n: int, tensor_of: Callable[[Any, ws.FrameSet], Any]
                 torch.cuda._sleep(20_000_000)
             read.append(tensor.clone())
         del frames, tensor
+    if side is not None:
+        side.synchronize()
     for first, (found, alone) in enumerate(zip(read, expected, strict=True)):
         expect(f"call {first}", found.cpu().numpy(), alone)
     return {"frames": n}
