@@ -309,6 +309,19 @@ def test_animations_show_every_image(scene, tmp_path, name):
     assert path.read_bytes() == before
 
 
+def test_small_images_of_a_gif_are_enlarged(scene, tmp_path):
+    """OpenImageIO's palettes of fewer than 256 pixels hold what lay in memory."""
+    counts = film(scene)[0][:2, :3, :5]
+    written = []
+    for filling in (0, 85, 170):
+        junk = [np.full(size, filling, dtype=np.uint8) for size in range(10, 5000, 20)]
+        del junk
+        write_preview(tmp_path / "a.gif", counts, levels_of(scene))
+        written.append((tmp_path / "a.gif").read_bytes())
+    assert written[0] == written[1] == written[2]
+    assert pictures_of(tmp_path / "a.gif")[0].shape == (2, 15, 25)
+
+
 WRITE_A_FILM = """
 import sys
 import numpy as np
@@ -336,13 +349,13 @@ def test_animations_do_not_depend_on_what_lay_in_memory(scene, tmp_path, checkou
 @pytest.mark.parametrize("name", ["a.gif", "a.mp4"])
 def test_large_images_are_reduced_by_their_brightest_pixels(scene, tmp_path, monkeypatch, name):
     pytest.importorskip("av") if name == "a.mp4" else None
-    monkeypatch.setattr("warpsim.output.grey.PREVIEW_PX", 20)
-    counts, places = film(scene)  # 40 x 50 by blocks of 3: 14 x 17; MP4 has even sides
+    monkeypatch.setattr("warpsim.output.grey.PREVIEW_PX", 30)
+    counts, places = film(scene)  # 40 x 50 by blocks of 2: 20 x 25; MP4 has even sides
     write_preview(tmp_path / name, counts, levels_of(scene))
     grey, _ = pictures_of(tmp_path / name)
-    assert grey.shape == ((6, 14, 17) if name == "a.gif" else (6, 14, 18))
+    assert grey.shape == ((6, 20, 25) if name == "a.gif" else (6, 20, 26))
     for picture, (row, column) in zip(grey, places, strict=True):
-        assert np.unravel_index(picture.argmax(), picture.shape) == (row // 3, column // 3)
+        assert np.unravel_index(picture.argmax(), picture.shape) == (row // 2, column // 2)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import math
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -28,6 +29,9 @@ SOFTENING_NEI = 2.0
 
 PREVIEW_PX = 512
 """Larger images are reduced to at most so many pixels a side."""
+
+LEAST_GIF_PX = 256
+"""Images of fewer pixels are enlarged: OpenImageIO fills up their palettes from memory that nobody has written."""
 
 PREVIEW_FPS = 10.0
 """Default frames a second."""
@@ -149,6 +153,8 @@ def _gif(path: Path, rate: Fraction) -> Iterator[Callable[[GreyImage], None]]:
 
         def add(image: GreyImage) -> None:
             nonlocal n_image
+            times = math.ceil(math.sqrt(LEAST_GIF_PX / image.size))
+            image = image.repeat(times, 0).repeat(times, 1)
             spec = oiio.ImageSpec(image.shape[1], image.shape[0], 3, oiio.UINT8)
             spec.attribute("FramesPerSecond", oiio.TypeRational, (rate.numerator, rate.denominator))
             check(file.open(name, spec, "AppendSubimage" if n_image else "Create"))
