@@ -21,3 +21,9 @@ def normalised(vectors: ArrayLike) -> F64:
     array = np.asarray(vectors, np.float64)
     length = np.linalg.norm(array, axis=-1, keepdims=True)
     return np.asarray(array / np.where(length > 0, length, 1.0))
+
+
+def perpendicular(vectors: ArrayLike) -> F64:
+    """Some vector at right angles to each of vectors (..., 3), not of unit length."""
+    array = np.asarray(vectors, np.float64)
+    return np.cross(array, np.eye(3)[np.argmin(np.abs(array), axis=-1)])

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.constants import SPEED_OF_LIGHT_M_S
-from warpsim.directions import normalised
+from warpsim.directions import normalised, perpendicular
 from warpsim.errors import InputError
 from warpsim.orbit.gravity import propagate
 from warpsim.render.line_of_sight import LineOfSight
@@ -166,8 +166,7 @@ def _nearest_point(origin_m: F64, direction: F64) -> F64:
 
 def _across(direction: F64) -> F64:
     """Two unit vectors across each direction, (n, 2, 3)."""
-    helper = np.eye(3)[np.argmin(np.abs(direction), axis=1)]
-    first = normalised(np.cross(direction, helper))
+    first = normalised(perpendicular(direction))
     return np.stack([first, np.cross(direction, first)], axis=1)
 
 

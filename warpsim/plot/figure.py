@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
-from warpsim.directions import normalised, unit_vectors
+from warpsim.directions import normalised, perpendicular, unit_vectors
 from warpsim.errors import InputError, printable_lines
 from warpsim.files import whole_file
 from warpsim.instant import Instant
@@ -276,7 +276,7 @@ class Globe:
     def limb(self) -> F64:
         """Return the limb of the Earth on the drawn plane [1000 km], shape (N_PATH, 2)."""
         ahead = normalised(stretched(self.towards, self.pole))
-        first = normalised(np.cross(ahead, np.eye(3)[np.argmin(np.abs(ahead))]))
+        first = normalised(perpendicular(ahead))
         turn = np.linspace(0, 2 * np.pi, N_PATH)[:, None]
         circle = EARTH_EQUATORIAL_RADIUS_M * (np.cos(turn) * first + np.sin(turn) * np.cross(ahead, first))
         return self.project(circle + (circle @ self.pole)[:, None] * self.pole * (1 / _STRETCH - 1))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from warpsim.directions import normalised
+from warpsim.directions import normalised, perpendicular
 from warpsim.errors import InputError
 from warpsim.plot.figure import (
     FAINT,
@@ -128,7 +128,7 @@ def local_frame(position_m: F64, velocity_m_s: F64) -> F64:
     """Radial, along-track and cross-track unit vectors of a state as rows, GCRS axes, shape (3, 3)."""
     radial, normal = normalised(position_m), np.cross(position_m, velocity_m_s)
     if np.linalg.norm(normal) < 1e-6 * np.linalg.norm(position_m):  # straight up or down: any cross-track will do
-        normal = np.cross(radial, np.eye(3)[np.argmin(np.abs(radial))])
+        normal = perpendicular(radial)
     cross = normalised(normal)
     return np.stack([radial, np.cross(cross, radial), cross])
 

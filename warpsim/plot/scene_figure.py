@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.constants import EARTH_GM_M3_S2
-from warpsim.directions import normalised
+from warpsim.directions import normalised, perpendicular
 from warpsim.instant import instant_after
 from warpsim.orbit.earth import gcrs_to_geodetic
 from warpsim.plot.coastlines import coastlines_deg
@@ -184,7 +184,7 @@ def _side_view(scenario: Scenario, flights: list[_Flight]) -> tuple[float, float
         start, middle, end = scenario.position_m(name, flights[0].time_s(3)) / 1e6
     normal = np.cross(start, end)
     if np.linalg.norm(normal) < 1e-6:  # straight up and down: any side will do
-        normal = np.cross(start, np.eye(3)[np.argmin(np.abs(start))])
+        normal = perpendicular(start)
     normal *= np.sign(normal @ sun_m) or 1.0
     tilt = np.radians(_TILT_DEG)
     x, y, z = np.cos(tilt) * normalised(middle) + np.sin(tilt) * normalised(normal)

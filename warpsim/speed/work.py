@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from warpsim.directions import normalised
+from warpsim.directions import normalised, perpendicular
 from warpsim.errors import InputError
 from warpsim.launches import Stage
 from warpsim.render.renderer import Renderer
@@ -188,7 +188,7 @@ def _even_stars(axis: F64, cosine: float, per_sr: float, item: int) -> F64:
     u = uniforms(_SEED, "places of stars", item, 2 * n).reshape(2, n)
     along = 1.0 - u[0] * (1.0 - cosine)
     across, turn = np.sqrt(1.0 - along**2), 2.0 * np.pi * u[1]
-    right = normalised(np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))]))
+    right = normalised(perpendicular(axis))
     parts = (along, axis), (across * np.cos(turn), right), (across * np.sin(turn), np.cross(axis, right))
     return np.asarray(sum(np.outer(component, direction) for component, direction in parts))
 
