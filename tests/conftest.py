@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import accuracy_records
 import pytest
@@ -19,6 +20,11 @@ ROOT = Path(__file__).parents[1]
 wp.config.log_level = wp.LOG_ERROR
 settings.register_profile("repeatable", derandomize=True)  # `python -m tests.fuzz` looks for new cases
 settings.load_profile("repeatable")
+
+
+def slow(*values: Any, **named: Any) -> Any:
+    """Case of `parametrize` that runs with -m slow."""
+    return pytest.param(*values, marks=pytest.mark.slow, **named)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -9,6 +9,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from conftest import slow
 
 import warpsim as ws
 from warpsim.errors import InputError
@@ -78,7 +79,7 @@ def test_radiance_matches_mpmath(name, temperature_k, record_accuracy):
     [
         ((4.29, 4.30), (1.0, 1.0), 300.0, RADIANCE_RTOL),
         ((4.29, 4.30), (0.0, 1.0), 50.0, RADIANCE_RTOL),
-        pytest.param((1.0, 100.0), (1.0, 1.0), 50.0, RADIANCE_RTOL, marks=pytest.mark.slow),
+        slow((1.0, 100.0), (1.0, 1.0), 50.0, RADIANCE_RTOL),
         ((3.0, 5.0, 8.0), (0.0, 1.0, 0.0), 10_000.0, RADIANCE_RTOL),
         ((18.0, 25.0), (1.0, 1.0), 3.0, COLD_RTOL),
         ((8.0, 8.01), (1.0, 1.0), 3.0, COLD_RTOL),

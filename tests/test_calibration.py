@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from astropy.io import fits
+from conftest import slow
 
 import warpsim as ws
 from warpsim.cli import main
@@ -53,7 +54,7 @@ def test_maps_in_nei_terms_are_those_of_frames():
     assert ((bad == 1).mean(), (bad == 2).mean()) == (pytest.approx(0.01, abs=4e-3), pytest.approx(0.02, abs=6e-3))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_maps_in_electrons_are_those_of_frames():
     scene = scene_of(ELECTRONS)
     gain, dark_e, bad = map_of(scene)
@@ -204,7 +205,7 @@ def without_patterns(detector, file):
 
 
 @pytest.mark.parametrize("detector", [NEI, ELECTRONS], ids=["nei", "electrons"])
-@pytest.mark.parametrize("shape", [(100, 72), (64, 64)], ids=["ragged", "whole strips"])
+@pytest.mark.parametrize("shape", [(100, 72), slow((64, 64))], ids=["ragged", "whole strips"])
 @pytest.mark.ci
 def test_frames_with_maps_are_those_of_the_patterns_they_are_of(tmp_path, detector, shape):
     """Within a count, where float32 rounds: maps go by way of gains and offsets, patterns by deviates."""

@@ -151,11 +151,12 @@ def test_kernels_of_a_module_build(module, tmp_path):
 
 def _case(factory, arguments):
     number = FACTORY_ARGUMENTS[factory.__name__].index(arguments)
-    return pytest.param(factory, arguments, id=f"{factory.__name__}-{number}")
+    is_extreme = number in (0, len(FACTORY_ARGUMENTS[factory.__name__]) - 1)
+    marks = pytest.mark.ci if is_extreme else pytest.mark.slow
+    return pytest.param(factory, arguments, id=f"{factory.__name__}-{number}", marks=marks)
 
 
 @pytest.mark.parametrize(("factory", "arguments"), [_case(*made) for made in MADE])
-@pytest.mark.ci
 def test_made_kernels_build(factory, arguments, tmp_path):
     kernel = factory(*arguments)
     if factory.__name__ == "make_deposit_read_out_kernel":

@@ -70,7 +70,7 @@ def test_a_scan_finds_the_rate(paper):
     np.testing.assert_allclose(given.values, found.values, atol=1e-4 * sigma.max())
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_spin_of_a_box_is_found(scene):
     """But for half a turn, after which the box looks the same."""
     motion = ws.Attitude(0.7, 0.11, 30.0, axis=(0.2, -0.5, 0.4))

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from astropy.wcs import WCS
+from conftest import slow
 
 import warpsim as ws
 from warpsim.cli import main
@@ -288,7 +289,7 @@ def test_the_manifest_has_every_file_and_the_recipe(folders):
         assert ws.Recipe.from_dict(manifest["recipe"]) == recipe(format=name, sequences_per_shard=2)
 
 
-@pytest.mark.parametrize("name", ["zarr", pytest.param("fits", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["zarr", slow("fits")])
 @pytest.mark.ci
 def test_bytes_do_not_depend_on_workers_or_batches(folders, tmp_path, monkeypatch, name):
     monkeypatch.setattr("warpsim.dataset.shard.BYTES_PER_CALL", 1)  # one frame a call

@@ -15,6 +15,7 @@ from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, Thre
 from pathlib import Path
 
 import pytest
+from conftest import slow
 
 import warpsim as ws
 from warpsim.cli import main
@@ -96,7 +97,7 @@ def busy_workers(folder):
     return [int(path.name.split("-")[-2]) for path in (folder / PARTS / "work").glob("*")]
 
 
-@pytest.mark.parametrize("wait_s", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("wait_s", [0.0, slow(0.4)])
 @pytest.mark.ci
 def test_a_killed_run_is_finished_by_the_same_command(recipe_path, whole, tmp_path, checkout_environment, wait_s):
     folder = tmp_path / "data"

@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 import warp as wp
+from conftest import slow
 from drawing import draw, draw_each, source_lists, stamp_fractions
 from psf_oracles import converged_airy_fraction
 from streak_oracles import airy_streak, axis_fractions
@@ -107,7 +108,7 @@ def airy_offsets(rng):
         yield (x, y), np.array(inside)
 
 
-@pytest.mark.parametrize("obscuration", [0.0, pytest.param(0.3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("obscuration", [0.0, slow(0.3)])
 @pytest.mark.parametrize("radius_px", airy_radii_px(0.03, 1.5, 10.0))
 def test_airy_at_hard_and_random_points(device, radius_px, obscuration, record_accuracy):
     psf = ws.PsfAiry(radius_px, obscuration)
@@ -151,7 +152,7 @@ def test_no_pixel_outside_a_gaussian_stamp_holds_more_than_the_cut(device, sigma
     assert sigma_px < 0.3 or max(worst) > 0.3  # stamps are no larger than they must be
 
 
-@pytest.mark.parametrize("obscuration", [0.0, pytest.param(0.3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("obscuration", [0.0, slow(0.3)])
 @pytest.mark.parametrize("radius_px", airy_radii_px(0.03, 0.185))
 def test_no_pixel_outside_an_airy_stamp_holds_more_than_the_cut(device, radius_px, obscuration):
     worst, still, is_sharp = [], (np.zeros(1), np.ones(1)), radius_px < 0.1

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from astropy.coordinates import SkyCoord
 from astropy.time import Time
+from conftest import slow
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
@@ -230,7 +231,7 @@ def bounds(xy_px, snr, psf):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(("kind", "size"), [("gaussian", 0.8), ("airy", 0.06)])
+@pytest.mark.parametrize(("kind", "size"), [("gaussian", 0.8), slow("airy", 0.06)])
 def test_fits_reach_the_cramer_rao_bound(kind, size):
     scene = small_scene(psf=(kind, size), nei_w_cm2=2.5e-19)
     frames = ws.Renderer(scene).render(range(30, 130), sensors=WELL_SEEN)
@@ -291,7 +292,7 @@ def test_other_finders_find_the_same(frames, method):
     assert np.mean([tuple(row) in names for row in bright["frame", "sensor", "target"]]) > 0.8
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_is_no_target_is_a_star():
     frames = ws.Renderer(ws.Scene.load("stss")).render(range(60, 90, 6), bands=["A"], keep_stars=True)
     table, stars = ws.detections(frames), frames.stars

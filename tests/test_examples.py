@@ -6,10 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import slow
 
 pytest.importorskip("matplotlib")
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]*.py"))
+LONG = {"12_visible_to_lwir", "14_train_a_detector"}
+"""Of some ten seconds each."""
 SMALLEST_SIDE_PX = 400
 FEWEST_GREYS = 20
 
@@ -28,7 +31,9 @@ def test_examples_are_found():
     assert len(EXAMPLES) >= 5
 
 
-@pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "script", [slow(path) if path.stem in LONG else path for path in EXAMPLES], ids=lambda path: path.stem
+)
 @pytest.mark.ci
 def test_quick_mode_draws_a_picture(script, monkeypatch, tmp_path):
     from matplotlib import image

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from bodies import ground_m, unit_vectors
+from conftest import slow
 from refusals import refused_in_one_line
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
@@ -370,11 +371,11 @@ REST, ROLLING = {"axis": [0.3, -0.5, 0.8]}, {"rolling_rev_s": 0.0015, "axis": "r
     ("shape", "attitude", "matter"),
     [
         pytest.param(SPHERE, {}, HEAVY, id="sphere-heavy"),
-        pytest.param(SPHERE, {}, FOIL, id="sphere-foil", marks=pytest.mark.slow),
+        slow(SPHERE, {}, FOIL, id="sphere-foil"),
         pytest.param(CYLINDER, REST, HEAVY, id="rest-heavy"),
-        pytest.param(CYLINDER, REST, FOIL, id="rest-foil", marks=pytest.mark.ci),
+        slow(CYLINDER, REST, FOIL, id="rest-foil"),
         pytest.param(CYLINDER, ROLLING, HEAVY, id="slow-rolling-heavy", marks=pytest.mark.ci),
-        pytest.param(CYLINDER, ROLLING, FOIL, id="slow-rolling-foil", marks=pytest.mark.slow),
+        slow(CYLINDER, ROLLING, FOIL, id="slow-rolling-foil"),
     ],
 )
 def test_scene_against_scipy(scene, matter, shape, attitude, record_accuracy):

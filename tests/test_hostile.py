@@ -209,7 +209,7 @@ def test_maps_stay_beside_each_other():
     assert maps_path("maps/{sensor}.fits", "sat11").as_posix() == "maps/sat11.fits"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_seeds_of_the_fuzz_are_whole_and_a_few_cases_end_well(tmp_path):
     fuzz.prepare()
     first = {one.kind: one for one in reversed(whole_cases()) if one.arguments == CHECK}

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from bodies import CORNERS, TRIANGLES
+from conftest import slow
 
 import warpsim as ws
 from warpsim.render.information import LEAST_COLUMN, information_of
@@ -243,7 +244,7 @@ def worst_slopes(curve, sets, good, names=None):
     return found
 
 
-@pytest.mark.parametrize("name", ["cone", "cylinder", "frustum", "flared"])
+@pytest.mark.parametrize("name", [slow("cone"), "cylinder", "frustum", slow("flared")])
 @pytest.mark.parametrize("terms", [{"sun": True}, {"sun": True, "albedo": True}], ids=["sun", "albedo"])
 @pytest.mark.ci
 def test_the_jacobian_is_that_of_differences(day, name, terms, record_accuracy):

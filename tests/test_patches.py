@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from bodies import emission_s, ends_m, sight_m, unit_vectors
+from conftest import slow
 from on_devices import target_field
 from scipy.spatial.transform import Rotation
 
@@ -373,8 +374,8 @@ def test_faces_that_a_mesh_does_not_have():
     "detector",
     [
         {},
-        pytest.param({"exposure_s": 0.5}, marks=pytest.mark.slow),
-        pytest.param({"exposure_s": 0.5, "line_time_s": 1e-3}, marks=pytest.mark.slow),
+        slow({"exposure_s": 0.5}),
+        slow({"exposure_s": 0.5, "line_time_s": 1e-3}),
     ],
     ids=str,
 )

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from conftest import slow
 from figures import close_figures  # noqa: F401
 
 import warpsim as ws
@@ -42,7 +43,7 @@ def overlap(one, other):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", [PRESETS[0], *(slow(name) for name in PRESETS[1:])])
 @pytest.mark.parametrize("name", ["scene", "ground_tracks", "bands", "group", "attitudes", "access", "range"])
 def test_a_plain_savefig_cuts_nothing_off(scenarios, preset, name):
     arguments = {"scene": (TIME_S,), "group": (TIME_S,), "attitudes": (TIME_S,)}.get(name, ())

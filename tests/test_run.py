@@ -16,6 +16,7 @@ from astropy.io import fits
 from astropy.table import Table
 from astropy.time import Time, TimeDelta
 from astropy.wcs import WCS
+from conftest import slow
 from scipy.spatial.transform import Rotation
 
 import warpsim as ws
@@ -363,7 +364,7 @@ def test_the_same_run_again_does_nothing(scene, folder):
     assert {item: item.stat().st_mtime_ns for item in folder.rglob("*")} == before
 
 
-@pytest.mark.parametrize("n_frame", [1, 4, 6, 100])
+@pytest.mark.parametrize("n_frame", [slow(1), 4, 6, 100])
 @pytest.mark.ci
 def test_arrays_of_several_shards(scene, frames, tmp_path, monkeypatch, n_frame):
     """A call may end amid a shard, and the last shard need not be full."""
@@ -400,7 +401,7 @@ def test_one_format_alone_has_a_contact_sheet(scene, folder, tmp_path, kinds):
 @pytest.mark.parametrize(
     "name", ["sat47_E.fits", "sat47_E/000063.png", "sat47_E.zarr/c/0/0/0", "sat47_E.zarr/zarr.json", "sat47_E.gif"]
 )
-@pytest.mark.parametrize("damage", ["changed", "missing"])
+@pytest.mark.parametrize("damage", ["changed", slow("missing")])
 @pytest.mark.ci
 def test_only_the_sensor_of_a_damaged_file_is_made_again(scene, tmp_path, name, damage):
     options = {"formats": ["fits", "png", "zarr"], "preview": "gif"}
@@ -546,7 +547,7 @@ def broken_off_after(n_step, scene, path, **options):
             run(scene, path, **options)
 
 
-@pytest.mark.parametrize("n_step", [1, 4, 8])
+@pytest.mark.parametrize("n_step", [slow(1), 4, slow(8)])
 @pytest.mark.ci
 def test_a_run_goes_on_in_the_middle_of_a_sensor(scene, folder, tmp_path, monkeypatch, n_step):
     """Of 2 sensors and 6 frames each, one a call: those that are complete are not rendered again."""
@@ -576,7 +577,7 @@ def test_rows_stand_in_the_order_of_frames_whatever_the_batch(scene, tmp_path, m
 
 
 @pytest.mark.parametrize("name", ["truth.fits", "stars.fits", "contact_sheet.png"])
-@pytest.mark.parametrize("damage", ["changed", "missing"])
+@pytest.mark.parametrize("damage", ["changed", slow("missing")])
 @pytest.mark.ci
 def test_files_of_all_sensors_are_made_again(scene, tmp_path, name, damage):
     picks, options = ([60, 61], ["sat11", "sat47"], ["A"]), {"formats": ["fits", "png"], "stars": True}
@@ -620,7 +621,7 @@ def test_folders_that_are_links_are_refused(scene, tmp_path):
 
 @pytest.mark.parametrize(
     ("damage", "n_kept"),
-    [("tail", 4), ("amid", 2), ("shorter", 3), ("missing", 1), ("journal", 3), ("odd journal", 4), ("other", 4)],
+    [slow("tail", 4), ("amid", 2), ("shorter", 3), ("missing", 1), ("journal", 3), slow("odd", 4), slow("other", 4)],
 )
 @pytest.mark.ci
 def test_only_whole_frames_are_kept(scene, tmp_path, monkeypatch, damage, n_kept):
@@ -644,7 +645,7 @@ def test_only_whole_frames_are_kept(scene, tmp_path, monkeypatch, damage, n_kept
     elif damage == "journal":
         journal = growing / "journal"
         journal.write_text(journal.read_text()[:-30])
-    elif damage == "odd journal":
+    elif damage == "odd":
         with (growing / "journal").open("ab") as file:
             file.write(b"\xff\xfe []\n")
     else:

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from astropy.time import Time, TimeDelta
 from command_line import refused
+from conftest import slow
 from scipy.spatial.transform import Rotation
 from waiting import until
 
@@ -534,7 +535,7 @@ def test_the_extra_is_named_where_it_is_missing(renderer, monkeypatch):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("how", [signal.SIGINT, slow(signal.SIGTERM)])
 def test_the_command_serves_until_it_is_interrupted(how, ring, checkout_environment):
     command = [sys.executable, "-m", "warpsim", "serve", "stss", "--ring", ring, "--rate", "50", "--loop"]
     command += ["--frames", "60:70", "--sensors", "sat11", "--bands", "A", "--device", "cpu"]

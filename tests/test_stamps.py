@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import warp as wp
+from conftest import slow
 from drawing import draw, draw_each, source_lists
 from scipy import special
 from streak_oracles import axis_fractions
@@ -192,7 +193,7 @@ def offsets(xy):
 
 @pytest.mark.parametrize("degree", CELL_DEGREES)
 @pytest.mark.parametrize(
-    ("radius_px", "aspect"), [(0.1, 1.0), (0.478, 1.0), (0.478, 1.4), (1.5, 0.7), (1.5, 1.0), (10.0, 1.0)]
+    ("radius_px", "aspect"), [(0.1, 1.0), (0.478, 1.0), (0.478, 1.4), slow(1.5, 0.7), slow(1.5, 1.0), (10.0, 1.0)]
 )
 @pytest.mark.ci
 def test_pixels_keep_the_error_asked_for(device, degree, radius_px, aspect, record_accuracy):

@@ -70,7 +70,7 @@ def test_stars_on_the_rim_count():
             assert most_stars_in_cone(np.array(rim), radius) == 4
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_the_bound_is_not_much_too_large():
     rng = np.random.default_rng(3)
     for radius_deg in (1.0, 5.0, 20.0):

@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 import pytest
+from conftest import slow
 
 import warpsim as ws
 from warpsim.render.stream import Pace, Stream, stream_sizes
@@ -222,7 +223,7 @@ def renderer(moving):
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("n_frame", [75, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_frame", [75, slow(300)])
 def test_twenty_sensors_at_30_hz(moving, renderer, n_frame):
     """The paper's case. How late frames are depends on what else the machine does, so that is told, not asserted."""
     sensors, seen = moving.sensor_names[:20], []

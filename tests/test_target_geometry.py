@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import warp as wp
 from bodies import ends_m
+from conftest import slow
 from on_devices import launched, radiance_kernel
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial import ConvexHull
@@ -447,7 +448,7 @@ def exact_radiance(kelvin, band):
 
 @pytest.mark.parametrize(
     "band",
-    [NARROW, pytest.param(ws.BANDS["A"], marks=pytest.mark.slow), pytest.param(ws.BANDS["E"], marks=pytest.mark.ci)],
+    [NARROW, slow(ws.BANDS["A"]), pytest.param(ws.BANDS["E"], marks=pytest.mark.ci)],
     ids=["narrow", "A", "E"],
 )
 def test_radiance_table_from_3_to_10000_kelvin_is_planck(device, band):

@@ -191,23 +191,24 @@ class Stars:
     @functools.cached_property
     def checksum(self) -> str:
         """SHA-256 of the stars as they were made (positions, motions, light, names), in hexadecimal."""
-        origin = self if self._origin is None else self._origin
-        light = origin._photometry
-        digest = hashlib.sha256(f"{origin.epoch_jyear}".encode())
+        if self._origin is not None:
+            return self._origin.checksum
+        light = self._photometry
+        digest = hashlib.sha256(f"{self.epoch_jyear}".encode())
 
         def add(what: str, values: Array) -> None:
             digest.update(what.encode())
             digest.update(np.where(np.isnan(values), np.nan, values).tobytes())
 
         for name in (*MOVED, "temperature_k"):
-            add(name, getattr(origin, name))
-        digest.update(np.ascontiguousarray(origin.luminosity).tobytes())
+            add(name, getattr(self, name))
+        digest.update(np.ascontiguousarray(self.luminosity).tobytes())
         for what, values_by_band in (("flux", light.given_jy), ("limit", light.limit_jy)):
             for band in sorted(values_by_band):
                 if np.isfinite(values_by_band[band]).any():
                     add(f"{what} {band}", values_by_band[band])
-        for start in range(0, len(origin), _CHUNK_NAMES):
-            names = origin.id_of(np.arange(start, min(start + _CHUNK_NAMES, len(origin))))
+        for start in range(0, len(self), _CHUNK_NAMES):
+            names = self.id_of(np.arange(start, min(start + _CHUNK_NAMES, len(self))))
             digest.update("\n".join(["", *names.tolist()]).encode())
         return digest.hexdigest()
 
