@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
+from warpsim.arrays import F64
 
 
 def unit_vectors(lon_deg: ArrayLike, lat_deg: ArrayLike) -> F64:

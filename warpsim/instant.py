@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.arrays import F64
 from warpsim.constants import DAY_S
 from warpsim.errors import InputError
 
 if TYPE_CHECKING:
     from astropy.time import Time
 
-F64 = NDArray[np.float64]
 
 FIRST_YEAR, LAST_YEAR = 1960, 2100
 """UTC begins with 1960; the ephemeris of Earth and Sun ends with 2100."""

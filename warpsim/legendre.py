@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from warpsim.arrays import F64
 
 
 @cache

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from warpsim.arrays import F64
 
 SMALL_ANGLE_RAD = 1e-4
 """Below it sin(x) / x is 1 - x**2 / 6 to better than 1e-17."""

@@ -11,35 +11,33 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from warpsim_catalogs import path
 
+from warpsim.arrays import F64
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.sun_and_earth import band_rule, sunlight_rule
-
-Array = NDArray[np.float64]
 
 
 class LimbProfile(NamedTuple):
     """The limb in a band, by tangent height."""
 
-    height_km: Array
+    height_km: F64
     """From the ground up in equal steps, shape (n,)."""
-    emission_w_cm2_sr: Array
+    emission_w_cm2_sr: F64
     """Emitted radiance, (n,)."""
-    reflected_w_cm2_sr: Array
+    reflected_w_cm2_sr: F64
     """Radiance of scattered sunlight with the Sun at the zenith of the tangent point, 1 au away, (n,)."""
 
 
 class LimbTable(NamedTuple):
     """Radiance by tangent height and wavelength; 0 outside the wavelengths."""
 
-    height_km: Array
-    emission_um: Array
-    emission_w_m2_sr_um: Array
+    height_km: F64
+    emission_um: F64
+    emission_w_m2_sr_um: F64
     """(n_height, n_emission)."""
-    sunlight_um: Array
-    reflectance: Array
+    sunlight_um: F64
+    reflectance: F64
     """Radiance times pi over sunlight, (n_height, n_sunlight)."""
 
 
@@ -68,6 +66,6 @@ def limb_profile(band: Band) -> LimbProfile:
     return LimbProfile(table.height_km, emission * 1e-4, reflected * 1e-4)
 
 
-def _at(wavelength_um: Array, nodes_um: Array, values: Array) -> Array:
+def _at(wavelength_um: F64, nodes_um: F64, values: F64) -> F64:
     """Values by height at wavelengths: linear between nodes, 0 outside; (n_height, n)."""
     return np.array([np.interp(wavelength_um, nodes_um, row, left=0.0, right=0.0) for row in values])

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.background.sky_plates import MOST_CUBE_NODES, SkyMap, node_step_rad
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError, errors_at
@@ -18,7 +18,6 @@ from warpsim.radiometry.band import Band
 if TYPE_CHECKING:
     from astropy.coordinates import SkyCoord
 
-Array = NDArray[np.float64]
 
 LARGEST = float(np.finfo(np.float32).max)
 """Radiance that images hold."""
@@ -26,7 +25,7 @@ LARGEST = float(np.finfo(np.float32).max)
 _MJY_SR_W_M2_SR_HZ = 1e-20
 
 
-def radiance_scales(unit: str, bands: list[Band]) -> Array:
+def radiance_scales(unit: str, bands: list[Band]) -> F64:
     """Factors from a map's unit to radiance in each band [W/cm2/sr], (n_band,)."""
     from astropy import units
 
@@ -47,7 +46,7 @@ def response_width_hz(band: Band) -> float:
     return float(np.sum(weight_um * SPEED_OF_LIGHT_M_S / node_um**2)) * 1e6
 
 
-def checked_values(data: Any) -> Array:
+def checked_values(data: Any) -> F64:
     """Numbers of a map in float64, not finite where it has none.
 
     Raises:
@@ -68,7 +67,7 @@ def checked_values(data: Any) -> Array:
     return values
 
 
-def radiance_sizes(values: Array, scales: Array) -> Array:
+def radiance_sizes(values: F64, scales: F64) -> F64:
     """Median and largest radiance of a map's finite pixels in each band [W/cm2/sr], (n_band, 2).
 
     Raises:
@@ -83,7 +82,7 @@ def radiance_sizes(values: Array, scales: Array) -> Array:
     return sizes
 
 
-def sky_of(direction: Array) -> SkyCoord:
+def sky_of(direction: F64) -> SkyCoord:
     """Unit vectors as coordinates."""
     from astropy.coordinates import SkyCoord
 
@@ -133,7 +132,7 @@ def healpix_map(hdu: Any, unit: str, bands: list[Band]) -> SkyMap:
     values = _all_pixels(hdu, column.name, values, healpix.npix)
     healpix, values = _coarser(healpix, np.where(np.isfinite(values), values, 0.0))
 
-    def radiance_of(direction: Array) -> Array:
+    def radiance_of(direction: F64) -> F64:
         own = sky_of(direction).transform_to(frame)
         found = healpix.interpolate_bilinear_lonlat(own.spherical.lon, own.spherical.lat, values)
         return np.asarray(scales[:, None] * found)
@@ -162,7 +161,7 @@ def _keyword_error(rule: str, name: str, given: Any) -> InputError:
     return InputError(f"{rule}, and is missing", name) if given is None else InputError(rule, name, given)
 
 
-def _all_pixels(hdu: Any, name: str, values: Array, n_pixel: int) -> Array:
+def _all_pixels(hdu: Any, name: str, values: F64, n_pixel: int) -> F64:
     """Values of all pixels, not finite where a table does not have them."""
     number = next((column.name for column in hdu.columns if column.name.upper() == PIXEL), None)
     if number is None:
@@ -183,7 +182,7 @@ def _all_pixels(hdu: Any, name: str, values: Array, n_pixel: int) -> Array:
     return found
 
 
-def _coarser(healpix: Any, values: Array) -> tuple[Any, Array]:
+def _coarser(healpix: Any, values: F64) -> tuple[Any, F64]:
     """Pixels no finer than nodes can show: means of those within larger ones."""
     from astropy_healpix import HEALPix
 
@@ -235,13 +234,13 @@ def image_map(hdu: Any, wcs: Any, unit: str, bands: list[Band]) -> SkyMap:
     pixel_rad = math.radians(float(np.min(proj_plane_pixel_scales(wcs))))
     own = _lookup(image, wcs, math.ceil(node_step_rad(pixel_rad, half_angle_rad) / pixel_rad - 0.01))
 
-    def radiance_of(direction: Array) -> Array:
+    def radiance_of(direction: F64) -> F64:
         return np.asarray(scales[:, None] * own(direction))
 
     return SkyMap(radiance_of, pixel_rad, centre, half_angle_rad, sizes)
 
 
-def _extent(wcs: Any, n_row: int, n_col: int) -> tuple[Array, float]:
+def _extent(wcs: Any, n_row: int, n_col: int) -> tuple[F64, float]:
     """Direction of the middle of an image, and the angle from there to its farthest point on the sky [rad]."""
     x, y = np.meshgrid(np.linspace(-0.5, n_col - 0.5, _POINTS), np.linspace(-0.5, n_row - 0.5, _POINTS))
     points = _directions(wcs, x.ravel(), y.ravel())
@@ -257,14 +256,14 @@ def _extent(wcs: Any, n_row: int, n_col: int) -> tuple[Array, float]:
     return middle, farthest_rad * (1.0 if on_sky.all() else 1 + 4 / _POINTS)  # its edge lies between points
 
 
-def _directions(wcs: Any, x: Array, y: Array) -> Array:
+def _directions(wcs: Any, x: F64, y: F64) -> F64:
     """Unit vectors of pixels, (n, 3); not finite off the sky."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return np.asarray(wcs.pixel_to_world(x, y).icrs.cartesian.xyz.value.T)
 
 
-def _lookup(image: Array, wcs: Any, coarse: int) -> Callable[[Array], Array]:
+def _lookup(image: F64, wcs: Any, coarse: int) -> Callable[[F64], F64]:
     """A function from directions to an image's values: bilinear between finite pixels.
 
     Args:
@@ -282,7 +281,7 @@ def _lookup(image: Array, wcs: Any, coarse: int) -> Callable[[Array], Array]:
         light, weight = (uniform_filter(part, coarse, mode="nearest") for part in (light, weight))
     turns = _turns_px(wcs)
 
-    def values_of(direction: Array) -> Array:
+    def values_of(direction: F64) -> F64:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             x, y = wcs.world_to_pixel(sky_of(direction))

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpsim.arrays import F64
 from warpsim.constants import ASTRONOMICAL_UNIT_M
 from warpsim.instant import tdb_jd
 from warpsim.radiometry.band import Band
@@ -15,7 +16,6 @@ from warpsim.radiometry.bands import band_radiance_w_m2_sr
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
-Array = NDArray[np.float64]
 
 MOON_RADIUS_M = 1_737_400.0
 
@@ -33,14 +33,14 @@ _PHASE_MAG_PER_DEG = (0.026, 4.0e-9)
 _N_ZONE = 24
 
 
-def moon_position_m(epoch: Epoch, time_s: ArrayLike) -> Array:
+def moon_position_m(epoch: Epoch, time_s: ArrayLike) -> F64:
     """Return geocentric positions of the Moon, GCRS axes [m], (n, 3): ERFA's moon98, good to 0.003 degrees."""
     import erfa
 
     return np.asarray(erfa.moon98(*tdb_jd(epoch, time_s))["p"]) * ASTRONOMICAL_UNIT_M
 
 
-def moon_brightness_w_cm2(bands: list[Band], sun_w_cm2: Array, sun_au: float, phase_rad: Array) -> Array:
+def moon_brightness_w_cm2(bands: list[Band], sun_w_cm2: F64, sun_au: float, phase_rad: F64) -> F64:
     """Return the in-band irradiance of the Moon times its squared distance in its radii: (n_band, n) [W/cm2].
 
     Ground glows at the fourth root of the cosine of the Sun's zenith angle, and at 95 K by night. Good to some 10 %.
@@ -57,7 +57,7 @@ def moon_brightness_w_cm2(bands: list[Band], sun_w_cm2: Array, sun_au: float, ph
     return np.asarray(reflected + [_emitted_w_cm2_sr(band, phase_rad, SUBSOLAR_K / sun_au**0.5) for band in bands])
 
 
-def _emitted_w_cm2_sr(band: Band, phase_rad: Array, subsolar_k: float) -> Array:
+def _emitted_w_cm2_sr(band: Band, phase_rad: F64, subsolar_k: float) -> F64:
     """Radiant intensity of a Moon of radius 1 by phase angle, (n,): its zones as the observer along z sees them."""
     node, weight = np.polynomial.legendre.leggauss(_N_ZONE)
     cosine, turn = 0.5 * (node + 1), np.pi * (node + 1)

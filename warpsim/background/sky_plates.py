@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-RadianceOf = Callable[[Array], Array]
+from warpsim.arrays import F64
+
+RadianceOf = Callable[[F64], F64]
 """From unit vectors (n, 3) to radiances (n_band, n) [W/cm2/sr]."""
 
 
@@ -18,11 +18,11 @@ RadianceOf = Callable[[Array], Array]
 class SkyPlate:
     """A square grid of radiances on the plane that touches the sphere at its centre."""
 
-    axes: Array
+    axes: F64
     """Rows x, y, centre, (3, 3)."""
     half_width: float
     """Tangent of the angle from the centre to an edge."""
-    radiance_w_cm2_sr: Array
+    radiance_w_cm2_sr: F64
     """(n_band, n, n), y along the second axis, x along the third."""
 
     @property
@@ -51,11 +51,11 @@ class SkyMap:
     radiance_of: RadianceOf
     pixel_rad: float
     """Smallest step between its pixels."""
-    centre: Array
+    centre: F64
     """Unit vector of its middle, (3,)."""
     half_angle_rad: float
     """From the centre to its farthest point."""
-    size_w_cm2_sr: Array
+    size_w_cm2_sr: F64
     """Median and largest radiance of its pixels in each band, (n_band, 2)."""
 
     def plates(self) -> list[SkyPlate]:
@@ -81,7 +81,7 @@ def node_step_rad(pixel_rad: float, half_angle_rad: float) -> float:
     return max(pixel_rad / 2, finest)
 
 
-def axes_about(centre: Array) -> Array:
+def axes_about(centre: F64) -> F64:
     """Rows x (east), y (north), centre."""
     east = np.cross([0.0, 0.0, 1.0], centre)
     east = east if np.linalg.norm(east) > 1e-6 else np.array([1.0, 0.0, 0.0])
@@ -89,7 +89,7 @@ def axes_about(centre: Array) -> Array:
     return np.array([east, np.cross(centre, east), centre])
 
 
-def plate_directions(axes: Array, half_width: float, n_side: int) -> Array:
+def plate_directions(axes: F64, half_width: float, n_side: int) -> F64:
     """Unit vectors of the nodes of a plate, (n_side * n_side, 3), row after row."""
     side = np.linspace(-half_width, half_width, n_side)
     x, y = np.meshgrid(side, side)
@@ -107,7 +107,7 @@ def sky_cube(radiance_of: RadianceOf, n_side: int) -> list[SkyPlate]:
     return plates
 
 
-def sky_plate(radiance_of: RadianceOf, axes: Array, half_width: float, n_side: int) -> SkyPlate:
+def sky_plate(radiance_of: RadianceOf, axes: F64, half_width: float, n_side: int) -> SkyPlate:
     """One plate, filled by a function of directions."""
     directions = plate_directions(axes, half_width, n_side)
     blocks = [radiance_of(directions[first : first + _BLOCK]) for first in range(0, len(directions), _BLOCK)]

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.background.fits_map import LARGEST, celestial_wcs, healpix_map, image_map
 from warpsim.background.sky_plates import SkyMap, SkyPlate, sky_cube
 from warpsim.config.fields import FUNCTION
 from warpsim.errors import InputError, errors_at, one_line
 from warpsim.radiometry.band import Band
 from warpsim.tables.checked_files import is_image, npy_array, open_fits
-
-Array = NDArray[np.float64]
 
 FUNCTION_NODES = 181
 """Nodes along an edge of the cube that a function is looked up on: 0.6 degrees apart."""
@@ -43,7 +42,7 @@ def sky_map_plates(path: str, bands: list[Band]) -> list[SkyPlate]:
     return read_sky_map(path, bands).plates()
 
 
-def sky_map_sizes(path: str, bands: list[Band]) -> Array:
+def sky_map_sizes(path: str, bands: list[Band]) -> F64:
     """Return the median and the largest radiance of a map in each band [W/cm2/sr], (n_band, 2), over its finite pixels.
 
     Those of a function are over its nodes.
@@ -100,7 +99,7 @@ def function_plates(name: str, bands: list[Band]) -> list[SkyPlate]:
     """
     function = _imported(name)
 
-    def radiance_of(direction: Array) -> Array:
+    def radiance_of(direction: F64) -> F64:
         return np.stack([_asked(function, name, direction, band) for band in bands])
 
     return sky_cube(radiance_of, FUNCTION_NODES)
@@ -129,7 +128,7 @@ def _imported(name: str) -> Callable[..., Any]:
     return found  # type: ignore[no-any-return]
 
 
-def _asked(function: Callable[..., Any], name: str, direction: Array, band: Band) -> Array:
+def _asked(function: Callable[..., Any], name: str, direction: F64, band: Band) -> F64:
     """A function's radiances in directions, (n,)."""
     try:
         returned = function(direction.copy(), band)

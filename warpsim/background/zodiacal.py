@@ -14,14 +14,13 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpsim.arrays import F64
 from warpsim.directions import unit_vectors
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import planck_w_m2_sr_um
 from warpsim.radiometry.sun_and_earth import band_rule, solar_spectrum, sunlight_rule
-
-Array = NDArray[np.float64]
 
 OUTER_RADIUS_AU = 5.2
 """Where the dust ends, as seen from the Sun."""
@@ -51,7 +50,7 @@ class Plane(NamedTuple):
     node_deg: float
     centre_au: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def within(self, position_au: Array) -> tuple[Array, Array, Array]:
+    def within(self, position_au: F64) -> tuple[F64, F64, F64]:
         """Position from the centre, its length, and the height above the plane."""
         tilt, node = math.radians(self.inclination_deg), math.radians(self.node_deg)
         pole = np.array([math.sin(node) * math.sin(tilt), -math.cos(node) * math.sin(tilt), math.cos(tilt)])
@@ -66,7 +65,7 @@ _BAND_SHAPES = ((5.58903e-10, 8.78505, 0.1, 1.5), (1.98776e-9, 1.99170, 0.9, 0.9
 _RING_PLANE = Plane(0.487072, 22.2790)
 
 
-def cloud_density(position_au: Array) -> Array:
+def cloud_density(position_au: F64) -> F64:
     """Smooth cloud [1/au] (Kelsall et al. 1998, Eqs. 6 and 7)."""
     _, radius_au, height_au = _CLOUD_PLANE.within(position_au)
     slope, mu = np.abs(height_au / radius_au), 0.188732
@@ -74,7 +73,7 @@ def cloud_density(position_au: Array) -> Array:
     return np.asarray(1.13444e-7 * radius_au**-1.33707 * np.exp(-4.14150 * fan**0.942062))
 
 
-def bands_density(position_au: Array) -> Array:
+def bands_density(position_au: F64) -> F64:
     """The three dust bands together [1/au] (Eq. 8, as the authors' program has it: the edge's weight is divided)."""
     total = np.zeros(position_au.shape[:-1])
     for plane, (density, width_deg, edge, inner_au) in zip(_BAND_PLANES, _BAND_SHAPES, strict=True):
@@ -86,7 +85,7 @@ def bands_density(position_au: Array) -> Array:
     return total
 
 
-def ring_density(position_au: Array, earth_au: Array) -> Array:
+def ring_density(position_au: F64, earth_au: F64) -> F64:
     """Circumsolar ring with the feature that trails the Earth [1/au] (Eq. 9, with the program's exponents)."""
     own, radius_au, height_au = _RING_PLANE.within(position_au)
     behind = np.arctan2(own[..., 1], own[..., 0]) - math.atan2(earth_au[1], earth_au[0]) - math.radians(-10.0)
@@ -104,13 +103,13 @@ def ring_density(position_au: Array, earth_au: Array) -> Array:
 class BandLight(NamedTuple):
     """What dust of unit density sends per length of a line of sight in a band [W/m2/sr]."""
 
-    emission: Array
+    emission: F64
     """Of cloud, bands and ring at `_RADII_AU` from the Sun, shape (3, n)."""
-    sunlight: Array
+    sunlight: F64
     """Scattered at 1 au, by each phase function, shape (3,)."""
 
 
-def _hats(wavelength_um: Array) -> Array:
+def _hats(wavelength_um: F64) -> F64:
     """Weights of DIRBE's wavelengths at wavelengths, linear in the logarithm and constant outside: (10, n)."""
     nodes = np.log(_WAVELENGTHS_UM)
     return np.array([np.interp(np.log(wavelength_um), nodes, hat) for hat in np.eye(len(nodes))])
@@ -130,14 +129,14 @@ def band_light(band: Band) -> BandLight:
     return BandLight(np.array(emission), as_fitted * (_hats(sun_um)[:n] @ sun_w_m2))
 
 
-def phase_functions(angle_rad: Array) -> Array:
+def phase_functions(angle_rad: F64) -> F64:
     """Light scattered by an angle, per sr, by each phase function; integrals over the sphere are 1: (3, ...)."""
     c0, c1, c2 = _PHASES.T.reshape(3, 3, *[1] * angle_rad.ndim)
     norm = 2 * math.pi * (2 * c0 + math.pi * c1 + (np.exp(c2 * math.pi) + 1) / (c2**2 + 1))
     return np.asarray((c0 + c1 * angle_rad + np.exp(c2 * angle_rad)) / norm)
 
 
-def zodiacal_radiance_w_cm2_sr(direction: ArrayLike, earth_au: ArrayLike, lights: list[BandLight]) -> Array:
+def zodiacal_radiance_w_cm2_sr(direction: ArrayLike, earth_au: ArrayLike, lights: list[BandLight]) -> F64:
     """Radiance of the zodiacal light in bands [W/cm2/sr].
 
     Args:
@@ -191,7 +190,7 @@ _LONGITUDES_DEG = np.concatenate([np.arange(0, 30, 1.5), np.arange(30, 330, 5), 
 """Of the model's nodes, longitudes from the Sun's: close where the light changes fast."""
 
 
-def zodiacal_map(bands: list[Band], earth_au: Array) -> Callable[[Array], Array]:
+def zodiacal_map(bands: list[Band], earth_au: F64) -> Callable[[F64], F64]:
     """Return the zodiacal light of the sky in bands as a function of ICRS directions: cubic splines between nodes.
 
     Args:
@@ -211,7 +210,7 @@ def zodiacal_map(bands: list[Band], earth_au: Array) -> Callable[[Array], Array]
         RectBivariateSpline(_LATITUDES_DEG, _LONGITUDES_DEG, np.log(each.reshape(nodes.shape[:2]))) for each in light
     ]
 
-    def radiance_of(direction: Array) -> Array:
+    def radiance_of(direction: F64) -> F64:
         own = direction @ ECLIPTIC_AXES.T
         longitude_deg = (np.degrees(np.arctan2(own[:, 1], own[:, 0])) - sun_deg) % 360
         latitude_deg = np.degrees(np.arcsin(np.clip(own[:, 2], -1.0, 1.0)))

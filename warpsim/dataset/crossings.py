@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.config.distributions import IN_ORDER
 from warpsim.config.fields import Number, Positive, closed_interval
 from warpsim.config.model import config_model
@@ -37,8 +37,6 @@ TOO_LATE_S = 1e-4
 
 _PER_TRY = 8
 """Uniform numbers of a draw."""
-
-F64 = npt.NDArray[np.float64]
 
 
 @config_model

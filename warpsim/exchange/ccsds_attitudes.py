@@ -5,14 +5,12 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.exchange.ccsds_message import MessageSegment, check_center, common_fields, read_message
 from warpsim.exchange.segments import AttitudeSegment, Frame, ccsds_frame
 from warpsim.exchange.source import Keywords, SourceFile
 from warpsim.quaternion import conjugate, product, rotated
-
-F64 = NDArray[np.float64]
 
 _NEEDED = ("REF_FRAME_A", "REF_FRAME_B", "ATTITUDE_TYPE")
 _OPTIONAL = ("INTERPOLATION_METHOD", "CENTER_NAME", "ATTITUDE_DIR", "QUATERNION_TYPE", "EULER_ROT_SEQ")

@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from warpsim.exchange.ccsds_message import (
     MessageSegment,
@@ -19,8 +18,6 @@ from warpsim.exchange.ccsds_message import (
 from warpsim.exchange.instants import FileInstants, later
 from warpsim.exchange.segments import EphemerisSegment, Frame, known_ccsds_frame
 from warpsim.exchange.source import Keywords, Rows, SourceFile, number_of
-
-F64 = NDArray[np.float64]
 
 _N_CELLS = {"CARTP": 4, "CARTPV": 7, "CARTPVA": 10}
 _STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")

@@ -8,15 +8,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from warpsim.arrays import F64
 from warpsim.errors import InputError, errors_at
 from warpsim.radiometry.curve_nodes import checked_curve
 from warpsim.tables.columns import ColumnTable, plain_name
 from warpsim.tables.read_table import read_table
-
-F64 = NDArray[np.float64]
 
 WAVELENGTHS = ("wavelength", "wavelen", "wave", "wl", "lambda", "lam")
 """Names of a column of wavelengths, without case, punctuation and unit."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.constants import DAY_S
 from warpsim.errors import InputError
 from warpsim.instant import FIRST_YEAR, LAST_YEAR, years_ahead
@@ -21,7 +21,6 @@ from warpsim.instant import FIRST_YEAR, LAST_YEAR, years_ahead
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
-F64 = NDArray[np.float64]
 
 TIME_SYSTEMS = ("UTC", "TAI", "TT", "TDB", "GPS")
 """Time systems of dates that are read and written; UT1 is not, as it needs tables from the network."""

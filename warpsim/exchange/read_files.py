@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError, errors_at, one_line
 from warpsim.exchange.ccsds_attitudes import read_aem
 from warpsim.exchange.ccsds_message import message_kind
@@ -26,7 +27,6 @@ from warpsim.tables.text import read_delimited, read_ecsv
 
 _TLE = re.compile(r"^1 ([A-Z\d ][\d ]{4})[ A-Z] .{50,}\n2 \1 .{50,}$", re.MULTILINE)
 
-F64 = NDArray[np.float64]
 
 _FRAME_NOTE = re.compile(r"#\s*frame\s*[:=]\s*(\S+)\s*", re.IGNORECASE)
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.arrays import F64
 from warpsim.config.fields import MOST_LETTERS
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
@@ -21,7 +22,6 @@ from warpsim.exchange.instants import TIME_SYSTEMS, FileInstants, instants_of_ti
 if TYPE_CHECKING:
     from astropy.time import Time
 
-F64 = NDArray[np.float64]
 
 Frame = Literal["GCRF", "EME2000", "ITRF", "TEME", "TOD", "MOD"]
 """Earth-centred axes: those of GCRS (and ICRS), the mean equator of J2000, the rotating Earth, SGP4's, and the true

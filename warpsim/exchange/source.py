@@ -12,13 +12,11 @@ from typing import Any, NoReturn
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import NO_VALUE, InputError, errors_at
 from warpsim.exchange.instants import FileInstants, parse_dates
 from warpsim.tables.file_bytes import N_HEAD, known_kind, read_bytes, unpacked
-
-F64 = NDArray[np.float64]
 
 _TABLES = {b"SIMPLE  =": "a FITS file", b"PAR1": "a Parquet file"}
 """First bytes of binary tables, which hold neither orbits nor attitudes."""

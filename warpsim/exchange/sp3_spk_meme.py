@@ -13,15 +13,13 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebder, chebval
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.constants import DAY_S
 from warpsim.errors import InputError, one_line
 from warpsim.exchange.instants import FileInstants, instants_of_time
 from warpsim.exchange.segments import LARGEST_DEGREE, EphemerisSegment, Frame, Interpolation
 from warpsim.exchange.source import Rows, SourceFile, dates_of, number_of
-
-F64 = NDArray[np.float64]
 
 _SP3_SYSTEMS = {"GPS": "GPS", "GAL": "GPS", "QZS": "GPS", "UTC": "UTC", "GLO": "UTC", "TAI": "TAI", "ccc": "GPS"}
 """Time systems of SP3 and what they are read as; Galileo's and QZSS's agree with GPS's within 50 ns."""

@@ -7,8 +7,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.exchange.geodetic import geodetic_to_itrs_m, great_arcs
 from warpsim.exchange.instants import FileInstants, later
@@ -21,8 +21,6 @@ from warpsim.exchange.segments import (
     Interpolation,
 )
 from warpsim.exchange.source import Keywords, Rows, SourceFile, dates_of, number_of
-
-F64 = NDArray[np.float64]
 
 _VERSION = re.compile(r"stk\.v\.(\d+)(\.\d+)*", re.ASCII | re.IGNORECASE)
 _UNITS = {"meters": 1.0, "meter": 1.0, "m": 1.0, "kilometers": 1e3, "kilometer": 1e3, "km": 1e3}

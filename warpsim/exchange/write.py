@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.exchange.instants import MONTHS, FileInstants, parse_dates
 from warpsim.exchange.segments import CCSDS_NAME, DEFAULT_DEGREE, STK_NAME, AttitudeSegment, EphemerisSegment, Segment
 from warpsim.files import check_new_file, whole_file
-
-F64 = NDArray[np.float64]
 
 _S = TypeVar("_S", EphemerisSegment, AttitudeSegment)
 _PRINTABLE = re.compile(r"[ -~]+")

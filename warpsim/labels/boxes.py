@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64, I64
 from warpsim.errors import InputError
 from warpsim.legendre import series_at
 from warpsim.render.frameset import FrameSet
 from warpsim.render.resolution import blur_half_px
 
-F64 = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 
 LEAST_BOX_PX = 3.0
@@ -59,12 +58,12 @@ def target_boxes(frames: FrameSet, least_px: float) -> Boxes:
     return Boxes(visible, np.where(visible[..., None], box_px, np.nan))
 
 
-def box_around(low_px: F64, high_px: F64, half_px: F64, size_px: Ints, least_px: float) -> F64:
+def box_around(low_px: F64, high_px: F64, half_px: F64, size_px: I64, least_px: float) -> F64:
     """Return COCO's box of a path, (..., 2) as x and y, widened by half_px, to least_px if need be, and cut."""
     return cut_box(low_px - half_px + CORNER_PX, high_px + half_px + CORNER_PX, size_px, least_px)
 
 
-def cut_box(left_top_px: F64, right_bottom_px: F64, size_px: Ints, least_px: float) -> F64:
+def cut_box(left_top_px: F64, right_bottom_px: F64, size_px: I64, least_px: float) -> F64:
     """Return COCO's box between two corners, (..., 2) as x and y.
 
     It is widened about its centre to least_px, and cut at the array; what is left is at least LEAST_CUT_PX wide, or
@@ -146,7 +145,7 @@ def mask_to_rle(mask: npt.ArrayLike) -> str:
     return str(_coco().encode(np.asfortranarray(array.astype(np.uint8)))["counts"].decode())
 
 
-def masks_to_rle(mask: npt.NDArray[np.bool_], origin_px: Ints, shape: tuple[int, ...]) -> list[str]:
+def masks_to_rle(mask: npt.NDArray[np.bool_], origin_px: I64, shape: tuple[int, ...]) -> list[str]:
     """Return codes of many masks that are each inside a patch (n, row, column) of an image of a shape (rows, columns).
 
     origin_px is column and row of each patch's first pixel, (n, 2); patches lie within the image.

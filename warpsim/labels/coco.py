@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64, I64
 from warpsim.errors import InputError
 from warpsim.files import plain_number, whole_file
 from warpsim.labels.boxes import CORNER_PX, LEAST_BOX_PX, box_around, mask_to_rle, rle_area
@@ -55,8 +56,6 @@ COORDINATES = (
 _PX_DIGITS = 6
 _VALUE_DIGITS = 7  # of numbers that are float32 in the images
 
-F64 = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 CLASS_IDS = {"Satellite": 1, "Star": 2}
 """As in SatSim: every target is a satellite."""
@@ -341,7 +340,7 @@ def _stars(frames: FrameSet, frame: int, sensor: str, band: str, least_px: float
     return found
 
 
-def _object(class_name: str, box: tuple[float, ...], position_px: F64, moved_px: F64, size_px: Ints) -> dict[str, Any]:
+def _object(class_name: str, box: tuple[float, ...], position_px: F64, moved_px: F64, size_px: I64) -> dict[str, Any]:
     """SatNet fields of every object: class, box and path, in fractions of the image's size."""
     x, y, width, height = box
     start, middle, end = ((position_px + step * moved_px + CORNER_PX) / size_px for step in (-0.5, 0.0, 0.5))

@@ -6,14 +6,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.live.scene_controls import MOST_NAMES
 from warpsim.output.grey import CEILING_NEI
 from warpsim.render.light_curves import light_curves
 from warpsim.scene.scenario import Scenario
-
-F64 = NDArray[np.float64]
 
 FIRST = "first"
 """Of the bands: that of each sensor which is its first."""

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.directions import normalised
 from warpsim.exchange.geodetic import geodetic_to_itrs_m
@@ -20,8 +21,6 @@ from warpsim.plot.coastlines import coastlines_deg
 from warpsim.plot.figure import observed_targets, target_kinds
 from warpsim.quaternion import from_matrix
 from warpsim.scene.scenario import Scenario
-
-F64 = NDArray[np.float64]
 
 UNIT_M = 1e6
 """Positions on the page are float32: 0.1 m of 1000 km, far below a pixel."""

@@ -5,14 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from warpsim.live.globe import quaternion_wxyz, rgb
 from warpsim.plot.figure import TargetKind, plain, target_kinds
 from warpsim.plot.group_figure import body_to_gcrs, drawn_facets, group_offsets_m, local_frame
 from warpsim.scene.scenario import Scenario
-
-F64 = NDArray[np.float64]
 
 ROOT = "/group"
 CAMERA_OF_GROUP = (-7.0, -10.0, 5.0)

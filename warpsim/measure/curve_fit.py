@@ -14,12 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.arguments import finite_number, plain_array, whole_number
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.instant import utc_time
 from warpsim.render.information import Information, information_of
 from warpsim.render.light_curve import LightCurve, checked_sigma
-
-F64 = npt.NDArray[np.float64]
 
 RATE_STEP_REV = 0.125
 """Turns over the span of the data between neighbouring rates of a scan."""

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64, I64
 from warpsim.errors import InputError
 from warpsim.measure.rows import column, flags, has_column, numbers
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 Images = dict[tuple[Any, ...], int]
 """Numbers of images, by frame, sensor and band."""

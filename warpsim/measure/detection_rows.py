@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.measure.finding import SkyImage, find_points
 from warpsim.measure.pixel_psf import PixelPsf
 from warpsim.measure.point_fit import LARGEST_SIGMA_PX, source_sigma
@@ -20,7 +21,6 @@ from warpsim.streams import uniforms
 if TYPE_CHECKING:
     from astropy.table import Table
 
-F64 = npt.NDArray[np.float64]
 Rows = npt.NDArray[Any]
 
 ROW = np.dtype(

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpsim.arguments import above_zero, finite_number
+from warpsim.arrays import F64
 from warpsim.errors import InputError
-from warpsim.measure.detection_matches import F64, Flags, Matches, Outcome, find_matches
+from warpsim.measure.detection_matches import Flags, Matches, Outcome, find_matches
 from warpsim.measure.rows import column, column_names, has_column, numbers
 
 if TYPE_CHECKING:

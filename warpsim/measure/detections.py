@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.arguments import above_zero, chosen_names, whole_number
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.instant import utc_dates
 from warpsim.measure.detection_rows import ROW, Draws, Rows, Search, draw_detections, find_detections
@@ -25,7 +26,6 @@ from warpsim.scene.scene import Scene
 if TYPE_CHECKING:
     from astropy.table import Table
 
-F64 = npt.NDArray[np.float64]
 Views = Callable[[int, str], ViewGeometry]
 Image = tuple[int, str, str]
 """Frame, sensor and band."""

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.measure.pixel_psf import PixelPsf
 from warpsim.measure.point_fit import LEAST_APART_PX, N_ROUGH_STEP, PointFit, PointFitter
 from warpsim.render.frameset import FrameSet
 from warpsim.render.likelihood import irradiance_image
 
-F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 MOST_PASS = 6

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.arguments import chosen_names
+from warpsim.arrays import F64
 from warpsim.constants import EARTH_GM_M3_S2, SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
 from warpsim.instant import Epoch
@@ -18,7 +19,6 @@ from warpsim.orbit.earth import gcrs_to_geodetic, itrs_to_gcrs
 if TYPE_CHECKING:
     from astropy.table import Table
 
-F64 = npt.NDArray[np.float64]
 
 POSITION, VELOCITY = (0, 2, 4), (1, 3, 5)
 """Rows of Stone Soup's own state vectors: x, vx, y, vy, z, vz."""

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from warpsim.arguments import above_zero, chosen_names, whole_number
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.measure.finding import SkyImage
 from warpsim.measure.pixel_psf import PixelPsf
@@ -18,7 +18,6 @@ from warpsim.render.frameset import FrameSet
 if TYPE_CHECKING:
     from astropy.table import Table
 
-F64 = npt.NDArray[np.float64]
 Method = Literal["psf", "aperture"]
 
 BLENDED_SIGMA = 0.3

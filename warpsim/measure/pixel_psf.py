@@ -6,14 +6,12 @@ import math
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.optics.enclosed import box_half_width_px
 from warpsim.optics.epsf_table import table_fraction
 from warpsim.optics.psf import Psf, PsfGaussian
 from warpsim.optics.tables import TableAccuracy, epsf_table
-
-F64 = npt.NDArray[np.float64]
 
 ENCLOSED = 0.9
 """Fraction of the light within the window that sources are fitted in."""

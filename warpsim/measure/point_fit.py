@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.measure.pixel_psf import GRID_PX, N_GRID, PixelPsf
-
-F64 = npt.NDArray[np.float64]
 
 N_STEP, N_ROUGH_STEP = 30, 8
 """Steps of a fit at most, and of one that others follow."""

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
-
-F64 = npt.NDArray[np.float64]
 
 _ZONE = re.compile("[Zz+]|[T ].*-")
 """Of a date with a zone: behind a time, a sign too."""

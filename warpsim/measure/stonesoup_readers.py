@@ -9,7 +9,6 @@ from datetime import datetime
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from stonesoup.base import Property
 from stonesoup.buffered_generator import BufferedGenerator
 from stonesoup.models.measurement.nonlinear import CartesianToElevationBearing
@@ -20,11 +19,10 @@ from stonesoup.types.detection import Detection
 from stonesoup.types.groundtruth import GroundTruthPath, GroundTruthState
 from stonesoup.types.sensordata import ImageFrame
 
+from warpsim.arrays import F64
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.measure.paths import States
 from warpsim.measure.rows import naive_utc
-
-F64 = npt.NDArray[np.float64]
 
 
 class LineOfSightAngles(CartesianToElevationBearing):  # type: ignore[misc]

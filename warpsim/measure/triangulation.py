@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.directions import normalised, perpendicular
 from warpsim.errors import InputError
 from warpsim.orbit.gravity import propagate
 from warpsim.render.line_of_sight import LineOfSight
 
-F64 = npt.NDArray[np.float64]
 Motion = Literal["still", "linear", "free_flight"]
 
 _TOL = 1e-13

@@ -13,8 +13,8 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.optics.epsf_table import (
     N_MARGIN,
@@ -28,8 +28,6 @@ from warpsim.optics.epsf_table import (
 )
 from warpsim.optics.flow import FlowProfile, fractions_on_grid, pixel_fractions
 from warpsim.optics.pattern import AiryPattern
-
-F64 = NDArray[np.float64]
 
 MIN_REACH_PX = 1.0
 WING_PART = 0.65

@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from warpsim.arrays import F64
 
 J1_LARGE, N_J1_ANGLE, N_J1_TERM = 25.0, 16, 24
 """Argument from which the expansion serves, its last term being below 1e-16; nodes of the rule on a quarter turn, its

@@ -14,12 +14,11 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import field_validator, model_validator
 
+from warpsim.arrays import F64
 from warpsim.config.fields import Count, Number, Positive, closed_interval, open_interval, rule_error
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.optics.distortion import Distortion, checked_radius, distorted, undistorted
-
-F64 = npt.NDArray[np.float64]
 
 _BORDER_STEPS = 256
 _BULGE = 1e-3

@@ -17,9 +17,8 @@ from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 from warpsim_kernels.table_layout import TABLE_SIMD_WIDTH, n_term_of
 
+from warpsim.arrays import F64
 from warpsim.optics.epsf_table import EpsfTable, lagrange_weights
-
-F64 = NDArray[np.float64]
 
 N_MORE = 2
 """Points per axis of a fit, beyond the degree: there Chebyshev's next polynomial, which a fit leaves out first, is

@@ -10,12 +10,10 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.config.fields import Number
 from warpsim.config.model import config_model
-
-F64 = npt.NDArray[np.float64]
 
 MARGIN = 1.1
 """The polynomial serves the array and a tenth beyond, counted from the centre."""

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 
-F64 = NDArray[np.float64]
 Floats = NDArray[np.floating]
 
 POINTS = (2, 4, 6, 8)

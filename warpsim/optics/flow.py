@@ -11,12 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.legendre import gauss_legendre
 from warpsim.optics.bessel import scaled_i1_over_x
-
-F64 = NDArray[np.float64]
 
 STEP = 0.01
 """Step of a radial profile in units of its finest scale; cubic pieces on it are good to 4e-9 of the peak."""

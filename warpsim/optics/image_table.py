@@ -14,12 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.optics.airy import N_REFINE, goal_of_interpolation, nodes_per_px, stated_error
 from warpsim.optics.epsf_table import N_MARGIN, EpsfTable, Wing, check_size, envelope, lagrange_weights, table_fraction
 from warpsim.optics.flow import chunks
-
-F64 = NDArray[np.float64]
 
 N_RINGING = 12
 """Samples kept beyond the image, where a spline through a cut-off pattern swings out: 0.27 per sample."""

@@ -17,12 +17,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.optics.bessel import jinc
 from warpsim.optics.flow import BLUR_REACH, STEP, FlowProfile, blurred, chunks, profile_from_values
-
-F64 = NDArray[np.float64]
 
 FIRST_DARK_RING = 1.2196698912665045
 """First zero of J1 over pi: radius of the first dark ring of the unobscured pupil [lamF]."""

@@ -7,16 +7,15 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.streaks import NO_LIMIT, StreakRules
 
+from warpsim.arrays import F64
 from warpsim.legendre import gauss_legendre
 from warpsim.optics.image_table import spline_of
 from warpsim.optics.pattern import FIRST_DARK_RING, annular_transfer
 from warpsim.optics.psf import PsfAiry, PsfTable
 
-F64 = npt.NDArray[np.float64]
 INF = float("inf")
 
 STREAK_ERROR = 1e-6

@@ -14,6 +14,7 @@ from warpsim_kernels.canvas import mask_table
 from warpsim_kernels.deposit_gaussian import GAUSSIAN_SIMD_WIDTH, EdgeTable, GaussianPsf
 from warpsim_kernels.psf import TABLE_SIMD_WIDTH, TablePsf
 
+from warpsim.arrays import F64
 from warpsim.optics.cell_table import BLOCK_PX, CellTable, n_side_block
 from warpsim.optics.epsf_table import EpsfTable
 
@@ -97,8 +98,6 @@ def overlapping(flat: wp.array, length: int) -> wp.array:
         deleter=lambda address, size: flat.ptr,  # keeps the memory as long as this array is held
     )
 
-
-F64 = npt.NDArray[np.float64]
 
 STEPS_PER_SIGMA = 64
 """Cubic interpolation errs by 0.013 / 64^4 = 8e-10 of the light, and far out, at z sigma, by 0.023 (z / 64)^4 of what

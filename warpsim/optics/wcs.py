@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.optics.camera import Camera
 from warpsim.optics.distortion import Distortion
 
@@ -80,8 +81,6 @@ def tan_wcs(axes_icrs: npt.NDArray[np.float64], camera: Camera) -> WCS:
     """Astropy WCS of an image with the given camera axes."""
     return wcs_from_keywords(tan_keywords(axes_icrs, camera), lens_keywords(camera))
 
-
-F64 = npt.NDArray[np.float64]
 
 ERROR_PX = 1e-6
 """The order is the lowest that reaches this."""

@@ -9,8 +9,9 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpsim.arrays import F64, I64
 from warpsim.orbit.access_constraints import (
     AccessConstraints,
     AccessGeometry,
@@ -31,9 +32,6 @@ from warpsim.orbit.intervals import (
     scan_times_s,
 )
 from warpsim.orbit.track import PositionFunction, Track, TrackStack
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 _CHEAPER_THAN_THE_EARTH = ("range_km", "min_range_km", "elevation_deg", "max_elevation_deg")
 _PAIRS_PER_CHUNK = 200_000  # (sensor, time) pairs held at once: about 100 MB of temporaries

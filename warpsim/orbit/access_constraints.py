@@ -12,18 +12,14 @@ from functools import cached_property, partial
 from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, model_validator
 
+from warpsim.arrays import F64, I64
 from warpsim.config.fields import Interval, Number, Positive, Switch, closed_interval
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
 from warpsim.orbit.earth import earth_clearance_m, grazing_altitude_m
 from warpsim.orbit.sun import sunlit_depth
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-
 
 Elevation = Annotated[Number, closed_interval(-90, 90)]
 HalfTurn = Annotated[Number, closed_interval(0, 180)]

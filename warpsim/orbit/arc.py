@@ -13,9 +13,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, model_validator
 
+from warpsim.arrays import F64
 from warpsim.config.fields import Number, Positive, closed_interval, rule_error
 from warpsim.config.model import config_model
 from warpsim.constants import DAY_S, EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
@@ -30,7 +31,6 @@ from warpsim.orbit.two_body import lambert
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
-F64 = NDArray[np.float64]
 
 DEFAULT_EPOCH_UTC = "2000-01-01T12:00:00"
 """The instant of time 0 of an arc that is used by itself and states none."""

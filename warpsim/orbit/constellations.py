@@ -13,9 +13,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
+from warpsim.arrays import F64, I64
 from warpsim.config.fields import Group, Name, as_tuple, rule_error
 from warpsim.config.model import TOO_DEEP, complete, config_model
 from warpsim.constants import EARTH_GM_M3_S2
@@ -33,8 +34,6 @@ from warpsim.orbit.walker import Pattern, Phasing, Walker, pattern_turns, satell
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 Orbit = Annotated[
     BallisticArc | StateVector | KeplerOrbit | TleOrbit | EphemerisOrbit,

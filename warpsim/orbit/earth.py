@@ -22,8 +22,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpsim.arrays import F64
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING
 from warpsim.errors import InputError
 from warpsim.exchange.geodetic import geodetic_to_itrs_m
@@ -34,7 +35,6 @@ from warpsim.quaternion import conjugate, from_matrix, in_one_hemisphere, produc
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
-F64 = NDArray[np.float64]
 
 EARTH_POLAR_RADIUS_M = EARTH_EQUATORIAL_RADIUS_M * (1.0 - EARTH_FLATTENING)
 _ECCENTRICITY_SQUARED = EARTH_FLATTENING * (2.0 - EARTH_FLATTENING)

@@ -11,9 +11,10 @@ import math
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, model_validator
 
+from warpsim.arrays import F64
 from warpsim.config.fields import Number, Positive, Vector, closed_interval
 from warpsim.config.model import config_model, exactly_one
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
@@ -24,7 +25,6 @@ from warpsim.orbit.gravity import Gravity, propagate
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
-F64 = NDArray[np.float64]
 
 _MAX_ECCENTRICITY = 0.999
 """Beyond, a float64 perigee loses more than three digits; a state vector loses none."""

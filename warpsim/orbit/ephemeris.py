@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 from pydantic_core import ArgsKwargs
 
+from warpsim.arrays import F64
 from warpsim.config.fields import FileName, as_tuple
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
@@ -38,7 +39,6 @@ from warpsim.tables.text import unlike
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
-F64 = NDArray[np.float64]
 
 Span = tuple[float, float]
 """First and last time [s since the epoch]."""

@@ -18,13 +18,12 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebint
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpsim.arrays import F64
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2, EARTH_J2, EARTH_J3, EARTH_J4
 from warpsim.errors import InputError
 from warpsim.orbit.two_body import propagate_two_body
-
-F64 = NDArray[np.float64]
 
 Gravity = Literal["two_body", "j2", "j4"]
 

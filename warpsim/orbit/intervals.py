@@ -16,10 +16,9 @@ from numbers import Real
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64, I64
 from warpsim.errors import InputError
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 PairFunction = Callable[[I64, F64], F64]

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpsim.arrays import F64, I64
 from warpsim.errors import InputError
 from warpsim.orbit.sampling import (
     ALWAYS_S,
@@ -30,9 +31,6 @@ from warpsim.orbit.sampling import (
     sample_tracks,
 )
 from warpsim.orbit.track import Track
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 SomeStatesFunction = Callable[[F64, I64], tuple[F64, F64]]
 """time_s (n_time,), numbers of objects (n,) -> position_m, velocity_m_s of these, both (n_time, n, 3)."""

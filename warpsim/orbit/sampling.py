@@ -11,12 +11,11 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.orbit.track import Track
-
-F64 = NDArray[np.float64]
 
 StateFunction = Callable[[F64], tuple[F64, F64]]
 """time_s (n_time,) -> position_m, velocity_m_s, both (n_time, 3) or (n_time, n_object, 3)."""

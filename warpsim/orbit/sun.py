@@ -19,8 +19,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpsim.arrays import F64
 from warpsim.constants import ASTRONOMICAL_UNIT_M, DAY_S, EARTH_EQUATORIAL_RADIUS_M, EARTH_FLATTENING, SUN_RADIUS_M
 from warpsim.instant import tdb_jd
 from warpsim.orbit.intervals import Intervals, Scan, find_intervals, scan_times_s
@@ -28,8 +29,6 @@ from warpsim.orbit.track import PositionFunction
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
-
-F64 = NDArray[np.float64]
 
 
 class EarthStates(NamedTuple):

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, model_validator
 
+from warpsim.arrays import F64
 from warpsim.config.fields import FileName, Switch, as_tuple, rule_error
 from warpsim.config.model import config_model, exactly_one
 from warpsim.constants import DAY_S
@@ -32,8 +33,6 @@ from warpsim.orbit.element_catalog import Catalog, LeftOut, Satellite, choose_on
 
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
-
-F64 = NDArray[np.float64]
 
 
 def _selector(value: Any) -> Any:

@@ -17,11 +17,10 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpsim.arrays import F64, I64
 from warpsim.errors import InputError
-
-F64 = NDArray[np.float64]
 
 PositionFunction = Callable[[F64], F64]
 """time_s (n_time,) -> geocentric position, GCRS axes [m], (n_time, 3). `Track.position_at_m` is one."""
@@ -29,7 +28,6 @@ PositionFunction = Callable[[F64], F64]
 # Nodes may be asked for at a span's very end after a round trip through decimal text.
 _SPAN_SLACK_S = 1e-9
 
-Int = NDArray[np.int64]
 
 Method = Literal["linear", "lagrange", "hermite"]
 
@@ -104,7 +102,7 @@ class Track:
         """Return the position [m], of the shape of time_s plus (3,)."""
         return self.state(time_s)[0]
 
-    def _locate(self, time: F64) -> tuple[Int, F64]:
+    def _locate(self, time: F64) -> tuple[I64, F64]:
         bad = ~((time >= self.start_s - _SPAN_SLACK_S) & (time <= self.end_s + _SPAN_SLACK_S))  # NaN is bad too
         if bad.any():
             worst = float(time[bad].flat[0]) if time.ndim else float(time)
@@ -138,7 +136,7 @@ class TrackStack:
         """Return the positions of all tracks at times (n,) [m], (n_track, n, 3)."""
         return self.position_m(np.arange(len(self._tracks))[:, None], time_s)
 
-    def position_m(self, track: Int, time_s: F64) -> F64:
+    def position_m(self, track: I64, time_s: F64) -> F64:
         """Return the positions of tracks at times, of shapes that broadcast: those of Track.position_at_m, (..., 3)."""
         if not ((time_s >= self._span_s[0]) & (time_s <= self._span_s[1])).all():
             tracks, times = np.broadcast_arrays(track, time_s)
@@ -152,7 +150,7 @@ class TrackStack:
         return np.asarray(p0 + s * (m0 + s * (c2 + s * c3)))
 
 
-def _cubic(position_m: F64, velocity_m_s: F64, node: Int, step_s: F64 | float) -> tuple[F64, F64, F64, F64]:
+def _cubic(position_m: F64, velocity_m_s: F64, node: I64, step_s: F64 | float) -> tuple[F64, F64, F64, F64]:
     """Coefficients of Hermite's cubic from a node to the next one, in the part of the step."""
     p0, m0, m1 = position_m[node], velocity_m_s[node] * step_s, velocity_m_s[node + 1] * step_s
     rise = position_m[node + 1] - p0  # differences only, so that large radii do not cancel
@@ -248,7 +246,7 @@ def _newton(x: F64, y: F64, slope: F64 | None) -> tuple[F64, F64]:
     return knots, np.stack(coefficient, axis=1)
 
 
-def _evaluate(knots: F64, coefficient: F64, which: Int, s: F64) -> tuple[F64, F64]:
+def _evaluate(knots: F64, coefficient: F64, which: I64, s: F64) -> tuple[F64, F64]:
     """Values and derivatives of Newton's form at s, (n_time, n_column) each."""
     m = coefficient.shape[1]
     value: F64 = coefficient[which, m - 1]

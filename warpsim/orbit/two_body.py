@@ -9,12 +9,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpsim.arrays import F64
 from warpsim.constants import EARTH_GM_M3_S2
 from warpsim.errors import InputError
-
-F64 = NDArray[np.float64]
 
 _SERIES_BELOW = 1.0
 _PAIRS_PER_CHUNK = 50_000  # (time, object) pairs solved at once: they stay in the processor's cache

@@ -11,9 +11,10 @@ import math
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import AfterValidator, ValidationInfo, field_validator
 
+from warpsim.arrays import F64
 from warpsim.config.fields import Group, Integer, Name, Number, Positive, closed_interval, rule_error
 from warpsim.config.model import config_model
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2
@@ -24,7 +25,6 @@ from warpsim.orbit.gravity import Gravity, propagate
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
-F64 = NDArray[np.float64]
 
 Pattern = Literal["delta", "star"]
 Definition = Literal["standard", "paper"]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.constants import SUN_RADIUS_M
 from warpsim.directions import normalised
 from warpsim.optics.camera import Camera
@@ -17,7 +18,6 @@ from warpsim.scene.camera_axes import SatelliteState, apparent_mean, satellite_s
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.tracks import Tracks
 
-F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 MOST_VIEWS_LOOKED_AT = 2000

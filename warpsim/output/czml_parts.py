@@ -14,13 +14,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.instant import utc_dates
 from warpsim.scene.scenario import Scenario
-
-F64 = NDArray[np.float64]
 
 Span = tuple[float, float]
 """Start and end [s after the epoch]."""

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.instant import Epoch
 from warpsim.orbit.earth import itrs_to_gcrs
@@ -27,8 +28,6 @@ from warpsim.scene.target_histories import AnyAttitude
 from warpsim.target.areas import top_radius_m
 from warpsim.target.attitude import BodyMotion
 from warpsim.target.torque_free import TorqueFreeMotion
-
-F64 = NDArray[np.float64]
 
 QuaternionAt = Callable[[F64], F64]
 """Times [s after the epoch], (n,), to unit quaternions, scalar last, (n, 4)."""

@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.orbit.intervals import Intervals
 from warpsim.output.czml_parts import (
@@ -23,8 +23,6 @@ from warpsim.output.czml_parts import (
 from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.sky.apparent import apparent_direction
-
-F64 = NDArray[np.float64]
 
 FIELD_ERROR = 1e-3
 """Error of the corners within which samples are chosen, as a fraction of the field's shorter side."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.plot.figure import BLUE, DASHES, GREY, PALE, SERIES, literal, new_axes, plain
 from warpsim.scene.pointing import ANY
 from warpsim.scene.scenario import Scenario
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from astropy.table import Table
     from matplotlib.axes import Axes
 
-F64 = NDArray[np.float64]
 Spans = dict[str, list[tuple[float, float, str]]]
 """Start and end [s] and target of the intervals of each sensor, in the order of time."""
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.arrays import F64
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.directions import normalised, perpendicular, unit_vectors
 from warpsim.errors import InputError, printable_lines
@@ -27,7 +28,6 @@ from warpsim.scene.scenario import Scenario
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-F64 = NDArray[np.float64]
 
 FIGURE_SUFFIXES = (".png", ".pdf", ".svg")
 

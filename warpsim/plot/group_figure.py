@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from warpsim.arrays import F64
 from warpsim.directions import normalised, perpendicular
 from warpsim.errors import InputError
 from warpsim.plot.figure import (
@@ -33,7 +34,6 @@ from warpsim.target.torque_free import TorqueFree
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-F64 = NDArray[np.float64]
 
 N_INSTANT = 6
 """Attitudes drawn where one instant is given, spread over a turn of the slowest motion."""

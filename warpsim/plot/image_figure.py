@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.arguments import some_names
+from warpsim.arrays import F64
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.directions import normalised
 from warpsim.errors import InputError
@@ -49,7 +50,6 @@ if TYPE_CHECKING:
 
     from warpsim.render.renderer import Renderer
 
-F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 VIEW_INCH = (7.4, 7.9)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.labels.boxes import CORNER_PX, paths_px, rle_to_mask
 from warpsim.labels.table import BOX_COLUMNS, label_table
 from warpsim.output.grey import CEILING_NEI, SOFTENING_NEI
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 
     from warpsim.render.frameset import FrameSet
 
-F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Paths = dict[str, F64]
 """Columns and rows of targets during the exposure by name [px]."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.arrays import F64, I64
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.plot.figure import PALE
@@ -22,8 +23,6 @@ from warpsim.sky.positions import position_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _SCHEME_DEG = 10  # cells of the drawn partitions; those of one degree would be too small to see
 _SCHEME_VIEWS = ((-60.0, 10.0), (-60.0, 48.0), (-60.0, 72.0))  # longitude and latitude [deg] of the views drawn
@@ -57,14 +56,14 @@ SORTED = "sorted by right ascension"
 class Cover:
     """The zones and the window of columns that hold a cone, for many cones; arrays of shape (n,)."""
 
-    first_zone: Ints
-    n_zone: Ints
-    first_column: Ints
-    n_column: Ints
+    first_zone: I64
+    n_zone: I64
+    first_column: I64
+    n_column: I64
     """Columns from first_column on, wrapping at 360 degrees; all of them where the cone holds a pole."""
-    west_deg: Array
+    west_deg: F64
     """West end of the window [deg], from 0 to 360."""
-    width_deg: Array
+    width_deg: F64
     """Width of the window, to the east [deg], 360 at most."""
 
 
@@ -91,13 +90,13 @@ def cover_of(ra_deg: ArrayLike, dec_deg: ArrayLike, radius_deg: float, cell_deg:
     return Cover(first_zone, last_zone - first_zone + 1, first_column, n_column, west_deg, width_deg)
 
 
-def star_table(catalog: StarCatalog) -> Ints:
+def star_table(catalog: StarCatalog) -> I64:
     """Return the stars in each cell of one degree by one degree, shape (180, 360)."""
     cell = 360 * _zone_of(catalog) + np.floor(catalog.ra_deg).astype(np.int64) % 360
     return np.bincount(cell, minlength=180 * 360).reshape(180, 360)
 
 
-def view_costs(partition: Partition, stars: Ints, cover: Cover) -> tuple[Ints, Ints]:
+def view_costs(partition: Partition, stars: I64, cover: Cover) -> tuple[I64, I64]:
     """Return the cells opened and the stars read by each view, shape (n,) each, of a `star_table`."""
     # Running sums along two turns of each zone, so that a window may wrap.
     turns = np.concatenate([np.zeros((180, 1), dtype=np.int64), np.cumsum(np.tile(stars, 2), axis=1)], axis=1)
@@ -114,7 +113,7 @@ def view_costs(partition: Partition, stars: Ints, cover: Cover) -> tuple[Ints, I
     return n_cell, n_read
 
 
-def stars_in_window(catalog: StarCatalog, cover: Cover) -> Ints:
+def stars_in_window(catalog: StarCatalog, cover: Cover) -> I64:
     """Return the stars between the right ascensions of each view's window, in the zones that it touches, shape (n,).
 
     They are all that need to be read where the stars of a zone are sorted by right ascension. (`BandIndex` leaves runs
@@ -134,7 +133,7 @@ def stars_in_window(catalog: StarCatalog, cover: Cover) -> Ints:
 
 def costs_by_latitude(
     catalog: StarCatalog, view_deg: float = 1.0, n_view: int = 400
-) -> tuple[Array, dict[str, dict[str, Array]], Array]:
+) -> tuple[F64, dict[str, dict[str, F64]], F64]:
     """Return the mean cost of square views at each distance from the equator: n_view per degree, in both hemispheres.
 
     The half diagonal of a view is the radius of the cone that is looked up. Returned are distances from the equator
@@ -149,7 +148,7 @@ def costs_by_latitude(
     ra_deg = 360 * (view * (np.sqrt(5) - 1) / 2 % 1)
     dec_deg = (latitude + (view % n_view + 0.5) / n_view) * np.where(view % 2, 1, -1)
     cover = cover_of(ra_deg, dec_deg, radius_deg)
-    costs: dict[str, dict[str, Array]] = {}
+    costs: dict[str, dict[str, F64]] = {}
     for partition in PARTITIONS:
         cells, read = (np.bincount(latitude, values) / n_view for values in view_costs(partition, stars, cover))
         costs[partition.name] = {"cells": cells, "stars": read}
@@ -160,7 +159,7 @@ def costs_by_latitude(
     return np.arange(90, dtype=np.float64) + 0.5, costs, np.asarray(density_deg2 * cone_deg2)
 
 
-def _zone_of(catalog: StarCatalog) -> Ints:
+def _zone_of(catalog: StarCatalog) -> I64:
     """Zones of one degree of declination that the stars are in, counted from the south pole, shape (n,)."""
     return np.clip(np.floor(catalog.dec_deg + 90), 0, 179).astype(np.int64)
 
@@ -222,7 +221,7 @@ def _draw_globe(ax: Axes, partition: Partition) -> None:
     from matplotlib.colors import to_rgb
 
     n_zone, n_column = 180 // _SCHEME_DEG, 360 // _SCHEME_DEG
-    strips: list[Array] = []
+    strips: list[F64] = []
     for ra_deg, dec_deg in _SCHEME_VIEWS:
         cover = cover_of([ra_deg], [dec_deg], _SCHEME_DEG / np.sqrt(2), _SCHEME_DEG)
         for zone in range(cover.first_zone[0], cover.first_zone[0] + cover.n_zone[0]):
@@ -249,7 +248,7 @@ def _draw_globe(ax: Axes, partition: Partition) -> None:
     ax.set_axis_off()
 
 
-def _visible_strips(south_deg: float, west_deg: int, east_deg: int) -> list[Array]:
+def _visible_strips(south_deg: float, west_deg: int, east_deg: int) -> list[F64]:
     """The near side of a run of cells, in polygons one degree wide, shape (n, 2) each."""
     height = np.linspace(south_deg, south_deg + _SCHEME_DEG, 11)
     dec = np.concatenate([height, height[::-1]])
@@ -263,7 +262,7 @@ def _visible_strips(south_deg: float, west_deg: int, east_deg: int) -> list[Arra
     return strips
 
 
-def _square(ra_deg: float, dec_deg: float, side_deg: float) -> tuple[Array, Array]:
+def _square(ra_deg: float, dec_deg: float, side_deg: float) -> tuple[F64, F64]:
     """Right ascensions and declinations [deg] of the closed outline of a square in the tangent plane of a point."""
     east, north = unit_vectors(ra_deg + 90, 0.0), unit_vectors(ra_deg, dec_deg + 90)
     half = np.radians(side_deg) / 2
@@ -271,7 +270,7 @@ def _square(ra_deg: float, dec_deg: float, side_deg: float) -> tuple[Array, Arra
     return position_of(*(unit_vectors(ra_deg, dec_deg) + np.outer(along, east) + np.outer(up, north)).T)
 
 
-def _orthographic(ra_deg: Array, dec_deg: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _orthographic(ra_deg: F64, dec_deg: F64) -> tuple[F64, F64, NDArray[np.bool_]]:
     """Points on a sphere seen from far above longitude -90, and whether they are on the near side; shape (n,)."""
     right, behind, north = unit_vectors(ra_deg, dec_deg).T
     sine, cosine = np.sin(np.radians(_GLOBE_LATITUDE_DEG)), np.cos(np.radians(_GLOBE_LATITUDE_DEG))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.constants import EARTH_GM_M3_S2
 from warpsim.directions import normalised, perpendicular
 from warpsim.instant import instant_after
@@ -47,7 +48,6 @@ from warpsim.scene.scene import Scene, scenario_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-F64 = NDArray[np.float64]
 
 SCENE_INCH = (8.2, 9.6)
 """Size of a figure for `plot_scene`: room for a legend of four rows below a square."""

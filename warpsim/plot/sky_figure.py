@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.plot.figure import BLUE, GREEN, GREY, ORANGE, PURPLE, SERIES, VERMILION, literal, new_axes
 from warpsim.radiometry.band import Band
@@ -24,7 +24,6 @@ from warpsim.sky.synthetic import GALACTIC_OF_ICRS
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 
 STARS_PER_PIXEL = 30
 """Of a density map, on average: scatter 18 %."""
@@ -160,7 +159,7 @@ def plot_sky_density(
 
 def density_map(
     catalog: StarCatalog, frame: Literal["galactic", "equatorial"] = "galactic"
-) -> tuple[Array, tuple[float, float, float, float]]:
+) -> tuple[F64, tuple[float, float, float, float]]:
     """Return stars per square degree in squares of Mollweide's plane, NaN outside the sky, and the map's extent."""
     side_deg = np.clip(np.sqrt(STARS_PER_PIXEL * 41_253 / max(1, len(catalog))), *PIXEL_DEG_RANGE)
     n_y = int(np.ceil(np.degrees(2 * _HALF_Y) / side_deg / 2)) * 2
@@ -178,7 +177,7 @@ def density_map(
     return density, (-_HALF_X, _HALF_X, -_HALF_Y, _HALF_Y)
 
 
-def mollweide(longitude_deg: Array, latitude_deg: Array) -> tuple[Array, Array]:
+def mollweide(longitude_deg: F64, latitude_deg: F64) -> tuple[F64, F64]:
     """Return x and y of a unit sphere on Mollweide's plane, (n,) each; longitude grows to the left, 180 is on the limb.
 
     x = -(2 sqrt 2 / pi) longitude cos t, y = sqrt 2 sin t, with 2 t + sin 2 t = pi sin(latitude).
@@ -204,7 +203,7 @@ def _draw_graticule(ax: Axes) -> None:
         ax.text(x[75], y[75], f"{longitude % 360}", color="white", fontsize=8, ha="center")
 
 
-def _longitude_latitude_deg(catalog: StarCatalog, frame: str) -> tuple[Array, Array]:
+def _longitude_latitude_deg(catalog: StarCatalog, frame: str) -> tuple[F64, F64]:
     """Longitudes and latitudes of the stars in a frame [deg], shape (n,) each."""
     if frame == "equatorial":
         return catalog.ra_deg, catalog.dec_deg
@@ -261,7 +260,7 @@ def _draw_responses(ax: Axes, bands: dict[str, Band]) -> None:
     ax.grid(axis="x", alpha=0.3)
 
 
-def _background(wavelength_um: Array) -> list[tuple[str, dict[str, Any], Array]]:
+def _background(wavelength_um: F64) -> list[tuple[str, dict[str, Any], F64]]:
     """Label, style and spectrum per wavelength of the Sun, a star and the Earth."""
     sun, earth = solar_spectrum().at(wavelength_um), earth_spectrum()
     node = int(np.argmin(np.abs(templates().temperature_k - GIANT_K)))
@@ -281,7 +280,7 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
-def _targets(scenario: Scenario, wavelength_um: Array) -> list[tuple[str, dict[str, Any], Array]]:
+def _targets(scenario: Scenario, wavelength_um: F64) -> list[tuple[str, dict[str, Any], F64]]:
     """Label, style and spectrum per wavelength of light from targets, emitted and reflected."""
     sun, lines = solar_spectrum().at(wavelength_um), []
     alike: dict[tuple[Any, int], dict[str, float]] = {}  # names and temperatures by what is drawn as one line

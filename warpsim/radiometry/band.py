@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from warpsim.arguments import plain_array, plain_number
+from warpsim.arrays import F64
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError, errors_at
 from warpsim.radiometry.curve_nodes import (
@@ -22,8 +23,6 @@ from warpsim.radiometry.curve_nodes import (
     product_of_curves,
     response_rule,
 )
-
-Array = NDArray[np.float64]
 
 # 12 nodes on pieces no wider than 2 % of their wavelength: exact to rounding above 50 K, 1e-8 at 3 K and 4 um, where
 # the exponential falls by 10 decades within one piece.
@@ -66,10 +65,10 @@ class Band:
 
     name: str
 
-    wavelength_um: Array
+    wavelength_um: F64
     """Nodes [um], shape (n,), increasing."""
 
-    response: Array
+    response: F64
     """Response relative to the peak, shape (n,): by energy (as amperes per watt), or by photon (as a quantum
     efficiency) with `per_photon`."""
 
@@ -96,7 +95,7 @@ class Band:
     """Wavelength whose photons have the energy that the detector's electrons cost at peak quantum efficiency [um]: the
     ratio of photon response (peak 1) times wavelength to energy response (peak 1), the same at all wavelengths."""
 
-    quadrature_um: tuple[Array, Array] = field(init=False, repr=False)
+    quadrature_um: tuple[F64, F64] = field(init=False, repr=False)
     """Quadrature nodes [um] and weights [um] (energy response included), shape (m,) each."""
 
     def __post_init__(self) -> None:
@@ -219,13 +218,13 @@ class Band:
         """In-band irradiance of AB magnitude 0 [W/cm2]: 3631 Jy at all wavelengths."""
         return AB_ZERO_JY * self.flat_w_cm2_per_jy
 
-    def energy_response(self, wavelength_um: ArrayLike) -> Array:
+    def energy_response(self, wavelength_um: ArrayLike) -> F64:
         """Response by energy, of peak 1, at wavelengths [um] of any shape."""
         at_um = np.asarray(wavelength_um, dtype=np.float64)
         response = np.interp(at_um, self.wavelength_um, self.response, left=0.0, right=0.0)
         return self._by_energy(at_um, response)
 
-    def intervals(self, n: int) -> tuple[Array, Array]:
+    def intervals(self, n: int) -> tuple[F64, F64]:
         """Split the band into n spectral intervals, each of one wavelength and one weight.
 
         They are the Gauss quadrature with the energy response as weight function: sum(weight_um * f(wavelength_um)) is
@@ -246,7 +245,7 @@ class Band:
             raise InputError(f"must be a whole number from 1 to {LARGEST_N_INTERVAL}", "n", n).of(f"band {self.name}")
         return _intervals(self, int(n))
 
-    def _by_energy(self, wavelength_um: Array, values: Array) -> Array:
+    def _by_energy(self, wavelength_um: F64, values: F64) -> F64:
         """Values proportional to the given response, as those of the energy response."""
         return values * (wavelength_um / self.photon_um) if self.per_photon else values
 
@@ -273,13 +272,13 @@ def _edges_um(values: Any) -> tuple[float, float]:
     return low_um, high_um
 
 
-def _frozen(values: Array) -> Array:
+def _frozen(values: F64) -> F64:
     values.setflags(write=False)
     return values
 
 
 @functools.lru_cache(maxsize=64)
-def _intervals(band: Band, n: int) -> tuple[Array, Array]:
+def _intervals(band: Band, n: int) -> tuple[F64, F64]:
     """Gauss rule of n nodes for a band's response."""
     # Differences of wavelengths keep their digits, however narrow the band. n + 1 nodes per linear piece are exact for
     # every polynomial that the rule has to integrate, one more where the response is per photon.

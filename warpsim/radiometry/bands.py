@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from warpsim_catalogs import path
 
 from warpsim.arguments import plain_array
+from warpsim.arrays import F64
 from warpsim.constants import BOLTZMANN_J_K, PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
@@ -26,7 +27,6 @@ from warpsim.radiometry.band import Band
 if TYPE_CHECKING:
     from astropy.table import Table
 
-Array = NDArray[np.float64]
 
 _FILE = "responses_v1"
 _COLUMNS = (
@@ -107,7 +107,7 @@ def _facts() -> dict[str, dict[str, Any]]:
 
 
 @functools.cache
-def _nodes() -> dict[str, tuple[Array, Array]]:
+def _nodes() -> dict[str, tuple[F64, F64]]:
     """Wavelengths [um] and responses of every shipped band, by name."""
     nodes: dict[str, list[tuple[float, float]]] = {}
     text = path(f"{_FILE}.csv").read_text(encoding="ascii")

@@ -6,13 +6,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from warpsim.arguments import plain_array
+from warpsim.arrays import F64
 from warpsim.errors import InputError, errors_at
 from warpsim.legendre import gauss_legendre
-
-Array = NDArray[np.float64]
 
 PRODUCT_ERROR = 1e-6
 """Largest error of the linear pieces that stand for a product of curves, as a fraction of its peak."""
@@ -29,7 +28,7 @@ MOST_NODES = 20_000
 """Nodes of a curve over wavelength; the dust's spectra over those of a band take 0.4 GB."""
 
 
-def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[Array, Array]:
+def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[F64, F64]:
     """Return copies of two or more nodes [um] and values >= 0 of a curve over wavelength; `what` names the values."""
     wavelength_um = _nodes(wavelength, "um", "wavelength_um")
     numbers = _nodes(values, "", what)
@@ -47,7 +46,7 @@ def checked_curve(wavelength: ArrayLike, values: ArrayLike, what: str) -> tuple[
     return wavelength_um, numbers
 
 
-def _nodes(values: ArrayLike, unit: str, where: str) -> Array:
+def _nodes(values: ArrayLike, unit: str, where: str) -> F64:
     """Copy to a float64 vector of at least two finite values in a unit."""
     vector = plain_array(values, unit, where).copy()
     if vector.ndim != 1 or vector.size < 2:
@@ -62,7 +61,7 @@ def _nodes(values: ArrayLike, unit: str, where: str) -> Array:
     return vector
 
 
-def half_power_um(wavelength_um: Array, response: Array) -> tuple[float, float]:
+def half_power_um(wavelength_um: F64, response: F64) -> tuple[float, float]:
     """Return the outermost wavelengths at which the response is half its peak, or the ends if it stays above."""
     above = np.flatnonzero(response >= 0.5)
     low, high = int(above[0]), int(above[-1])
@@ -75,7 +74,7 @@ def half_power_um(wavelength_um: Array, response: Array) -> tuple[float, float]:
     return low_um, high_um
 
 
-def photon_um(wavelength_um: Array, response: Array, per_photon: bool) -> float:
+def photon_um(wavelength_um: F64, response: F64, per_photon: bool) -> float:
     """Return photon response times wavelength over energy response [um], both of peak 1."""
     if not per_photon:  # response / wavelength has its peak at a node
         node = np.argmax(response / wavelength_um)
@@ -88,7 +87,7 @@ def photon_um(wavelength_um: Array, response: Array, per_photon: bool) -> float:
     return float(max(np.max(response * wavelength_um), np.max((start + slope * vertex_um) * vertex_um)))
 
 
-def product_of_curves(curves: Sequence[tuple[ArrayLike, ArrayLike]]) -> tuple[Array, Array]:
+def product_of_curves(curves: Sequence[tuple[ArrayLike, ArrayLike]]) -> tuple[F64, F64]:
     """Return nodes [um] and values of a product of curves as a user gives them; see product()."""
     checked = []
     for number, curve in enumerate(curves):
@@ -105,7 +104,7 @@ def product_of_curves(curves: Sequence[tuple[ArrayLike, ArrayLike]]) -> tuple[Ar
         return product(checked, [f"curves[{number}]" for number in range(len(checked))])
 
 
-def product(curves: Sequence[tuple[Array, Array]], names: Sequence[str]) -> tuple[Array, Array]:
+def product(curves: Sequence[tuple[F64, F64]], names: Sequence[str]) -> tuple[F64, F64]:
     """Return few nodes [um] and values of a product of curves, within PRODUCT_ERROR, where all of them have values."""
     first = max(range(len(curves)), key=lambda k: curves[k][0][0])
     last = min(range(len(curves)), key=lambda k: curves[k][0][-1])
@@ -126,12 +125,12 @@ def product(curves: Sequence[tuple[Array, Array]], names: Sequence[str]) -> tupl
     return fine[kept], result[kept]
 
 
-def _middles(values: Array) -> Array:
+def _middles(values: F64) -> F64:
     """Values in the middle of pieces, along the last axis."""
     return 0.5 * (values[..., 1:] + values[..., :-1])
 
 
-def _sampled(nodes: Array, values: Array, error: float) -> Array:
+def _sampled(nodes: F64, values: F64, error: float) -> F64:
     """Nodes with further ones between, whose chords stay within an error of the product of linear curves.
 
     A chord is off by an eighth of the second derivative at most: over pairs of factors, their steps times the others.
@@ -144,7 +143,7 @@ def _sampled(nodes: Array, values: Array, error: float) -> Array:
     return np.concatenate([*parts, nodes[-1:]])
 
 
-def thinned(x: Array, y: Array, error: float) -> list[int]:
+def thinned(x: F64, y: F64, error: float) -> list[int]:
     """Return rows of a polyline, first and last included, whose chords pass all its nodes within an error in y."""
     abscissa, ordinate = x.tolist(), y.tolist()
     kept, low, high = [0], -math.inf, math.inf  # slopes of the chords that pass all nodes since the last row kept
@@ -158,7 +157,7 @@ def thinned(x: Array, y: Array, error: float) -> list[int]:
     return [*kept, len(abscissa) - 1]
 
 
-def piecewise_rule(edge: Array, n_node: int, max_log_width: float = math.inf) -> tuple[Array, Array]:
+def piecewise_rule(edge: F64, n_node: int, max_log_width: float = math.inf) -> tuple[F64, F64]:
     """Return nodes and weights of the Gauss-Legendre rule on each piece between neighbouring edges.
 
     Pieces wider than max_log_width in ln(edge) are cut into equal parts.
@@ -172,9 +171,7 @@ def piecewise_rule(edge: Array, n_node: int, max_log_width: float = math.inf) ->
     return (edge[:-1, None] + width * (1.0 + abscissa) / 2.0).ravel(), (width * weight).ravel()
 
 
-def response_rule(
-    wavelength_um: Array, response: Array, n_node: int, max_log_width: float = math.inf
-) -> tuple[Array, Array]:
+def response_rule(wavelength_um: F64, response: F64, n_node: int, max_log_width: float = math.inf) -> tuple[F64, F64]:
     """Return wavelengths [um] and weights times response [um] of a rule on every linear piece of a response.
 
     Exact for polynomials of degree 2 n_node - 2 (the response takes one degree); nodes without weight are left out.
@@ -185,7 +182,7 @@ def response_rule(
     return node_um[used], weight_um[used]
 
 
-def gauss_rule(node: Array, weight: Array, n: int) -> tuple[Array, Array]:
+def gauss_rule(node: F64, weight: F64, n: int) -> tuple[F64, F64]:
     """Return the n nodes, ascending, and weights of the Gauss rule for positive weights on many nodes.
 
     It integrates polynomials of degree 2n - 1 as the given rule does. The recurrence of the measure's orthonormal

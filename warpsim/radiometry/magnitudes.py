@@ -13,9 +13,10 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from warpsim.arguments import plain_array
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS
@@ -23,7 +24,6 @@ from warpsim.radiometry.bands import BANDS
 if TYPE_CHECKING:
     from astropy.table import Table
 
-Array = NDArray[np.float64]
 Physics = Literal["physical", "paper"]
 
 NEI_W_CM2 = 1e-18
@@ -192,7 +192,7 @@ class Radiometry:
         return table
 
 
-def _fluxes(flux_jy: ArrayLike) -> Array:
+def _fluxes(flux_jy: ArrayLike) -> F64:
     flux = plain_array(flux_jy, "Jy", "flux_jy")
     if (flux < 0.0).any():
         raise InputError("must be >= 0", "flux_jy", flux[flux < 0.0][0], "g")

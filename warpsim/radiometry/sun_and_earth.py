@@ -14,14 +14,13 @@ from importlib.resources.abc import Traversable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from warpsim_catalogs import path
 
+from warpsim.arrays import F64
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import band_radiance_w_m2_sr, of_band, planck_w_m2_sr_um
 from warpsim.radiometry.curve_nodes import piecewise_rule
-
-Array = NDArray[np.float64]
 
 _NODES_PER_PIECE = 10
 _MAX_PIECE_LOG_WIDTH = 0.02
@@ -35,13 +34,13 @@ and wavelength), a spectrum and a reflectance."""
 class Curve(NamedTuple):
     """Values over wavelength, linear between nodes and constant beyond the ends."""
 
-    wavelength_um: Array
+    wavelength_um: F64
     """Nodes [um], shape (n,), increasing; read-only."""
 
-    value: Array
+    value: F64
     """Values there, shape (n,); read-only."""
 
-    def at(self, wavelength_um: ArrayLike) -> Array:
+    def at(self, wavelength_um: ArrayLike) -> F64:
         """Values at wavelengths [um] of any shape."""
         return np.asarray(np.interp(np.asarray(wavelength_um, dtype=np.float64), self.wavelength_um, self.value))
 
@@ -55,9 +54,7 @@ def read_curves(file: Traversable) -> tuple[Curve, ...]:
     return tuple(Curve(wavelength_um, values) for values in columns)
 
 
-def band_rule(
-    band: Band, *splits_um: Array, n_node: int = N_EXACT, max_log_width: float = math.inf
-) -> tuple[Array, Array]:
+def band_rule(band: Band, *splits_um: F64, n_node: int = N_EXACT, max_log_width: float = math.inf) -> tuple[F64, F64]:
     """Return the Gauss-Legendre rule over a band: sum(weight_um * f(wavelength_um)) integrates energy response times f.
 
     Exact where f is a polynomial of degree 2 n_node - 3 in each piece, between neighbours among the nodes of the band
@@ -83,7 +80,7 @@ def solar_spectrum() -> Curve:
     return spectrum
 
 
-def sunlight_rule(band: Band, *splits_um: Array) -> tuple[Array, Array]:
+def sunlight_rule(band: Band, *splits_um: F64) -> tuple[F64, F64]:
     """Quadrature of sunlight over a band: wavelengths [um] and irradiance at 1 au that each stands for [W/m2]."""
     spectrum = solar_spectrum()
     node_um, weight_um = band_rule(band, spectrum.wavelength_um, *splits_um)
@@ -111,7 +108,7 @@ class EarthSpectrum(NamedTuple):
     albedo: Curve
     """Fraction of sunlight that is reflected, as by a Lambertian surface."""
 
-    def radiance_w_m2_sr_um(self, wavelength_um: ArrayLike) -> Array:
+    def radiance_w_m2_sr_um(self, wavelength_um: ArrayLike) -> F64:
         """Spectral radiance of the Earth's emission [W/m2/sr/um] at wavelengths [um] of any shape."""
         return planck_w_m2_sr_um(wavelength_um, self.brightness_temperature_k.at(wavelength_um))
 
@@ -122,7 +119,7 @@ def earth_spectrum() -> EarthSpectrum:
     return EarthSpectrum(*read_curves(path("earth_spectrum_v1.csv")))
 
 
-def earth_rule(band: Band, *splits_um: Array) -> tuple[Array, Array]:
+def earth_rule(band: Band, *splits_um: F64) -> tuple[F64, F64]:
     """Quadrature of the Earth's emission over a band: wavelengths [um] and the radiance of each [W/m2/sr]."""
     spectrum = earth_spectrum()
     own_um = spectrum.brightness_temperature_k.wavelength_um
@@ -132,7 +129,7 @@ def earth_rule(band: Band, *splits_um: Array) -> tuple[Array, Array]:
     return node_um, weight_um * spectrum.radiance_w_m2_sr_um(node_um)
 
 
-def earthshine_rule(band: Band, *splits_um: Array) -> tuple[Array, Array]:
+def earthshine_rule(band: Band, *splits_um: F64) -> tuple[F64, F64]:
     """Quadrature of sunlight that the Earth reflects: wavelengths [um] and sunlight times albedo [W/m2]."""
     albedo = earth_spectrum().albedo
     node_um, irradiance_w_m2 = sunlight_rule(band, albedo.wavelength_um, *splits_um)

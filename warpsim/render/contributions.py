@@ -16,6 +16,7 @@ import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.records import BEHIND
 
+from warpsim.arrays import F64, I64
 from warpsim.launches import to_numpy
 from warpsim.optics.psf_bank import paths_struct, rule_of_band, stamp_rule
 from warpsim.render.batch import HostColumns
@@ -23,8 +24,6 @@ from warpsim.render.device_scene import DeviceScene
 from warpsim.render.point_images import PointImages, touched_pixels
 
 F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 CHUNK_BYTES = 32 * 2**20
 """Planes drawn at a time, at least one."""
@@ -40,9 +39,9 @@ MOST_TARGETS = 2**16 - 1
 class Patches:
     """Planes of some targets, each cut out about its target."""
 
-    number: Ints
+    number: I64
     """Number among the requested targets, shape (n,)."""
-    origin_px: Ints
+    origin_px: I64
     """Column and row of the first pixel on the array, shape (n, 2); patches lie within the array."""
     light_w_cm2: F32
     """Light of the target alone, shape (n, n_row, n_col)."""
@@ -64,7 +63,7 @@ class TargetLight:
         self._brightness: F32 = seen.brightness
 
     def planes(
-        self, band: int, view: Sequence[int] | Ints, target: Sequence[int] | Ints, origin_px: Ints, shape: Any
+        self, band: int, view: Sequence[int] | I64, target: Sequence[int] | I64, origin_px: I64, shape: Any
     ) -> F32:
         """Planes of targets in one launch, shape (n, *shape).
 
@@ -108,7 +107,7 @@ class TargetLight:
         return light
 
     def patches(
-        self, band: int, view: Ints, target: Ints, least_w_cm2: float, chunk_bytes: int = CHUNK_BYTES
+        self, band: int, view: I64, target: I64, least_w_cm2: float, chunk_bytes: int = CHUNK_BYTES
     ) -> Iterator[Patches]:
         """Planes of targets, cut to where a pixel may hold a given light; targets that reach no pixel are left out.
 
@@ -134,7 +133,7 @@ class TargetLight:
                 light = self.planes(band, view[which], target[which], origin_px[some], (n_row, n_col))
                 yield Patches(which, origin_px[some], light)
 
-    def _windows(self, band: int, view: Ints, target: Ints, least_w_cm2: float) -> tuple[Ints, Ints]:
+    def _windows(self, band: int, view: I64, target: I64, least_w_cm2: float) -> tuple[I64, I64]:
         """First pixels, and those past the last, that may hold least_w_cm2 of a target; (n, 2), column and row."""
         light = self.irradiance_w_cm2[view, band, target]
         has_light = (light != 0.0) & ~self.is_behind[view, target]
@@ -154,7 +153,7 @@ class TargetLight:
         return np.asarray(to_numpy(reach_px)[0])
 
 
-def brightest_targets(light: TargetLight, band: int, views: Ints, least_w_cm2: float) -> npt.NDArray[np.uint16]:
+def brightest_targets(light: TargetLight, band: int, views: I64, least_w_cm2: float) -> npt.NDArray[np.uint16]:
     """Number, from 1, of the target that gives most of a pixel's light, 0 where none gives least_w_cm2.
 
     Args:

@@ -14,6 +14,7 @@ from warpsim_kernels import light_curve_slopes as kinds
 from warpsim_kernels.area_slopes import ACROSS, ALONG, BASE, RADIUS, SIDE, TOP
 from warpsim_kernels.light_curve import CurveSet
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.render.target_field import motion_struct
 from warpsim.target.areas import body_struct, has_facets
@@ -21,8 +22,6 @@ from warpsim.target.attitude import BodyMotion, turns
 from warpsim.target.patches import Patch
 from warpsim.target.surface import Graybody
 from warpsim.target.temperature import Temperature
-
-F64 = npt.NDArray[np.float64]
 
 _ATTITUDE = {
     "spin_rev_s": kinds.SPIN + 1,

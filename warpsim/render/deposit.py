@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
 from warpsim.optics.psf import Psf
@@ -18,8 +19,6 @@ from warpsim.optics.psf_bank import PsfBank, paths_struct, stamp_rule
 from warpsim.optics.tables import ERROR_RANGE, TableAccuracy
 from warpsim.render.device import default_device
 from warpsim.render.point_images import JacobianStamps, PointImages
-
-F64 = npt.NDArray[np.float64]
 
 
 def deposit(

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.artifacts import Flicker, Hits
 
+from warpsim.arrays import F64
 from warpsim.detector.hits_and_flicker import has_artifacts, hit_area
 from warpsim.detector.levels import ElectronLevels
 from warpsim.launches import struct_of
@@ -21,7 +22,6 @@ HIT, FLICKER = 1, 2
 """Bits of artifact masks."""
 
 F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from warpsim_kernels.motion import BodyNodes, NodeGrid, Nodes
 from warpsim_kernels.records import Sources, View
 from warpsim_kernels.trace import Instants
 
+from warpsim.arrays import F64
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.launches import struct_of, to_numpy
 from warpsim.legendre import series_at
@@ -162,8 +163,6 @@ def table_accuracy(instrument: Instrument) -> TableAccuracy:
     layout = cheapest_layout(patterns, camera.pixel_aspect, accuracy)
     return TableAccuracy(optics.psf_error, layout.n_point or None, layout.degree)
 
-
-F64 = npt.NDArray[np.float64]
 
 NODE_COUNTS = (3, 5, 9, 17, 33, 65)
 """Odd, so that one node lies in the middle; all but the last may be chosen."""

@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from warpsim.arguments import chosen_names
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.render.frameset import FrameSet
 from warpsim.render.gradients import camera_slopes, checked_parameters
@@ -21,7 +21,6 @@ from warpsim.render.resolution import full_w_cm2
 if TYPE_CHECKING:
     from astropy.table import Table
 
-F64 = npt.NDArray[np.float64]
 
 FITTED = ("x_px", "y_px", "irradiance_w_cm2", "boresight_rad", "roll_rad")
 """Parameters whose information is known."""

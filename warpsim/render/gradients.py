@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
 from warpsim.optics.psf import PsfGaussian
 from warpsim.render.deposit import checked_cotangent
 from warpsim.render.frameset import FrameSet
-from warpsim.render.point_images import F64, Gathered
+from warpsim.render.point_images import Gathered
 
 PARAMETERS = (
     "x_px", "y_px", "irradiance_w_cm2", "path_px", "sigma_px", "boresight_rad", "roll_rad",

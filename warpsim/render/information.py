@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
-
-F64 = npt.NDArray[np.float64]
 
 LEAST_SINGULAR_VALUE = 1e-8
 """Of the weighted Jacobian with columns of length 1, below which measurements do not tell its parameters apart."""

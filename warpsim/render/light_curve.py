@@ -18,6 +18,7 @@ from warpsim_kernels.records import View
 from warpsim_kernels.signature import Features, Tables
 
 from warpsim.arguments import chosen_names, finite_number, whole_number
+from warpsim.arrays import F64
 from warpsim.detector.levels import noise_variance
 from warpsim.errors import InputError
 from warpsim.launches import struct_of, to_numpy
@@ -46,8 +47,6 @@ from warpsim.target.patches import patch_areas
 from warpsim.target.surface import Graybody
 from warpsim.target.temperature import Temperature
 from warpsim.target.torque_free import TorqueFreeMotion
-
-F64 = npt.NDArray[np.float64]
 
 MOST_NUMBERS = 500_000_000
 """Numbers in one answer (4 GB)."""

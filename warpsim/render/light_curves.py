@@ -14,6 +14,7 @@ from warpsim_kernels.records import ABSENT, IN_FOV, NOT_DEPLOYED, OCCULTED
 from warpsim_kernels.signature import N_TERM
 
 from warpsim.arguments import chosen_names, times_s
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
 from warpsim.render.batch import inputs_of_views, new_columns
@@ -32,7 +33,6 @@ from warpsim.scene.scene import Scene, scenario_of
 if TYPE_CHECKING:
     from astropy.table import Table
 
-F64 = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 MOST_NUMBERS = 500_000_000

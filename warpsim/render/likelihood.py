@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.detector.detectors import ElectronDetector
 from warpsim.detector.levels import ElectronLevels, noise_variance
 from warpsim.errors import InputError
@@ -17,9 +18,6 @@ from warpsim.render.frameset import FrameSet
 from warpsim.render.gradients import checked_parameters, gradients
 from warpsim.render.resolution import full_w_cm2
 from warpsim.scene.instrument import Instrument
-
-F64 = npt.NDArray[np.float64]
-
 
 _FULL_SIGMA = 5.0
 """Noise by which a full pixel may read less than what it holds."""

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.arguments import plain_array
+from warpsim.arrays import F64
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.errors import InputError
 from warpsim.optics.camera import Camera
@@ -19,7 +20,6 @@ from warpsim.scene.instrument import Instrument
 from warpsim.scene.scenario import Scenario
 from warpsim.sky.apparent import apparent_direction
 
-F64 = npt.NDArray[np.float64]
 Axes = Literal["gcrs", "itrs"]
 
 

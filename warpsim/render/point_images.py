@@ -11,15 +11,13 @@ import numpy.typing as npt
 import warp as wp
 from warpsim_kernels.records import BEHIND
 
+from warpsim.arrays import F64, I64
 from warpsim.errors import InputError
 from warpsim.launches import to_numpy
 from warpsim.optics.psf_bank import PsfBank, paths_struct
 from warpsim.render.batch import HostColumns, StarList, some_views
 from warpsim.render.device import rows_per_block
 from warpsim.render.device_scene import DeviceScene
-
-F64 = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 MOST_VALUES = 2**27
 """Pixels of all windows of a Jacobian (4 GB)."""
@@ -52,15 +50,15 @@ class JacobianStamps:
 
     shape: tuple[int, int]
     """Rows and columns of an image."""
-    view: Ints
+    view: I64
     """Number of the view of each window, (n,)."""
-    band: Ints
+    band: I64
     """Number of its band."""
-    source: Ints
+    source: I64
     """Number of its source in the view."""
-    window: Ints
+    window: I64
     """First column, one past the last, first row, one past the last, (n, 4)."""
-    first: Ints
+    first: I64
     """Row of values of its first pixel, (n,); pixels follow row by row."""
     values: F64
     """By light, x, y and sigma, of the pixels of all windows, (n_value, 4); sigma's are 0 for patterns."""
@@ -93,7 +91,7 @@ class JacobianStamps:
         pointer = np.concatenate([[0], np.cumsum(length)]).astype(np.int64)
         return csc_array((value, row, pointer), shape=(self.shape[0] * self.shape[1], len(length)))
 
-    def _pixels(self, number: int) -> Ints:
+    def _pixels(self, number: int) -> I64:
         """Pixels of a window, counted along the rows of the image."""
         left, right, top, bottom = self.window[number].tolist()
         rows, columns = np.arange(top, bottom)[:, None], np.arange(left, right)
@@ -196,7 +194,7 @@ class PointImages:
         host = to_numpy(values).reshape(-1, 4)
         return JacobianStamps(self.shape, view, band, source, window, first, host)
 
-    def _windows(self) -> Ints:
+    def _windows(self) -> I64:
         """Pixels that each stamp may touch, (n_view, n_band, n_slot, 4): first and end of columns, then of rows."""
         light = to_numpy(self.sources[2])
         n_view, n_band, n_slot = light.shape
@@ -214,7 +212,7 @@ class PointImages:
         return np.stack([low[..., 0], high[..., 0], low[..., 1], high[..., 1]], axis=-1)
 
 
-def touched_pixels(middle_px: F64, half_px: F64, shape: tuple[int, int]) -> tuple[Ints, Ints]:
+def touched_pixels(middle_px: F64, half_px: F64, shape: tuple[int, int]) -> tuple[I64, I64]:
     """First pixels within so much of positions, and those past the last, cut to an image; (..., 2), column and row."""
     size = np.array(shape[::-1])
     low = np.clip(np.ceil(middle_px - half_px), 0, size).astype(np.int64)

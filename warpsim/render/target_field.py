@@ -17,6 +17,7 @@ from warpsim_kernels.signature import Exposure, Features, Surroundings, Tables, 
 from warpsim_kernels.targets import Bodies, make_observe_targets_kernel
 from warpsim_kernels.timed_tables import AttitudeTables, TemperatureTables
 
+from warpsim.arrays import F64
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M
 from warpsim.launches import struct_of
 from warpsim.legendre import series_matrix
@@ -37,7 +38,6 @@ from warpsim.target.surface import Graybody, Light
 from warpsim.target.temperature import TemperatureRows
 from warpsim.target.torque_free import TorqueFreeMotion
 
-F64 = npt.NDArray[np.float64]
 Span = tuple[int, int]
 
 

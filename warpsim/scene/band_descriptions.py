@@ -10,9 +10,9 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, PlainValidator, ValidationError, model_validator
 
+from warpsim.arrays import F64
 from warpsim.config.fields import MOST_LETTERS, FileName, Number, Positive, Switch, as_tuple, rows_in, rule_error
 from warpsim.config.model import adapter, config_model, input_error
 from warpsim.errors import InputError, errors_at
@@ -22,8 +22,6 @@ from warpsim.radiometry.bands import SHIPPED
 from warpsim.radiometry.by_band import AS_DICT, BAND_NAME, ByBand
 from warpsim.radiometry.curve_nodes import product
 from warpsim.scene.short_form import with_paths
-
-Array = NDArray[np.float64]
 
 RANGE_UM = (0.3, 30.0)
 """Wavelengths within which the half-power points of a scene's bands lie [um]: where spectra of stars are known."""
@@ -136,7 +134,7 @@ class BandDescription:
         return band
 
     @property
-    def _curve(self) -> tuple[Array, Array]:
+    def _curve(self) -> tuple[F64, F64]:
         """Nodes [um] and response."""
         if self.files is not None:
             curves = [(content.wavelength_um, content.value) for content in self._contents]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.directions import normalised
 from warpsim.errors import InputError
@@ -19,7 +20,6 @@ from warpsim.scene.tracks import Tracks
 from warpsim.sky.apparent import apparent_direction
 from warpsim.target.attitude_table import AttitudeRows
 
-F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 NEAREST_M = 1e-3

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.detector.detectors import Detector
 from warpsim.directions import normalised
 from warpsim.errors import InputError
@@ -19,8 +19,6 @@ from warpsim.scene.target_histories import AnyAttitude
 from warpsim.scene.targets import SceneTarget
 from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.patches import patch_areas
-
-F64 = npt.NDArray[np.float64]
 
 NODE_COUNTS = (1, 3, 5, 9, 17, 33, 65, 129, 257, 513, 1025, 2049)
 """Odd, so that one node lies in the middle."""

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.arguments import frame_numbers
+from warpsim.arrays import F64
 from warpsim.detector.levels import Levels, levels
 from warpsim.errors import InputError, errors_at
 from warpsim.optics.psf import Psf
@@ -38,7 +39,6 @@ from warpsim.scene.sensors import Sensor
 from warpsim.scene.slews import SlewTurn
 from warpsim.scene.target_access import ACCESS_STEP_S, Custom, Observers, can_observe, target_intervals
 
-F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 

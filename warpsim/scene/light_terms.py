@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.constants import ASTRONOMICAL_UNIT_M, EARTH_EQUATORIAL_RADIUS_M
 from warpsim.orbit.sun import sunlit_depth
 from warpsim.orbit.track import Track
@@ -18,8 +18,6 @@ from warpsim.scene.environment import Lighting
 from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.surface import Light
-
-F64 = npt.NDArray[np.float64]
 
 TERMS: tuple[Light, ...] = ("sun", "earth", "albedo")
 """Terms of reflected light, besides the target's own."""

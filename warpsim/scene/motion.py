@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from warpsim.arrays import F64, I64
 from warpsim.errors import errors_at
 from warpsim.instant import Instant, instant_after
 from warpsim.orbit.constellations import ListedSatellites, MixedConstellation, Propagator, states_of
@@ -19,9 +19,6 @@ from warpsim.scene.groups import AnyConstellation, Release, TargetGroup
 from warpsim.scene.short_form import item_path
 from warpsim.scene.targets import SceneTarget
 from warpsim.streams import uniforms
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 MARGIN_S = 120.0
 """Longest node step where targets begin to move, or end, within a scene; motion goes on for so long beyond."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError, errors_at
 from warpsim.instant import Instant
@@ -46,7 +47,6 @@ from warpsim.scene.targets import SceneTarget
 from warpsim.scene.tracks import Tracks
 from warpsim.target.attitude_table import AttitudeRows, AttitudeTable
 
-F64 = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
 
 MOST_TRACKED = 10_000

@@ -9,14 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError, errors_at
 from warpsim.scene.pointing import Slew, TablePointing
 from warpsim.tables.columns import ColumnTable
-
-F64 = npt.NDArray[np.float64]
 
 _COLUMNS = ("time_s", "ra_deg", "dec_deg", "azimuth_deg", "elevation_deg", "roll_deg", "sensor")
 _PAIRS = (("ra_deg", "dec_deg"), ("azimuth_deg", "elevation_deg"))

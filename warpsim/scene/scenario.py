@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.arguments import some_names, times_s
+from warpsim.arrays import F64
 from warpsim.errors import InputError, errors_at
 from warpsim.orbit.access_constraints import AccessConstraints, MarginFunction
 from warpsim.orbit.sun import earth_states, eclipses, sunlit_fraction
@@ -35,8 +36,6 @@ from warpsim.target.timed_rows import END_SLACK_S
 
 if TYPE_CHECKING:
     from astropy.table import Table
-
-F64 = npt.NDArray[np.float64]
 
 
 class Scenario(SceneBodies):

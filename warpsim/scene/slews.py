@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.scene.pointing import Slew
 
-F64 = npt.NDArray[np.float64]
 AxesAt = Callable[[F64], F64]
 """time_s (n,) -> camera axes as rows, (n, 3, 3)."""
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64, I64
 from warpsim.constants import SPEED_OF_LIGHT_M_S
 from warpsim.optics.camera import Camera
 from warpsim.orbit.access import access_intervals, constraints_by_cost, margins
@@ -17,7 +18,6 @@ from warpsim.orbit.intervals import Intervals
 from warpsim.scene.camera_axes import apparent_mean, satellite_state
 from warpsim.scene.tracks import Tracks
 
-F64 = npt.NDArray[np.float64]
 Custom = Mapping[str, MarginFunction]
 AxesOf = Callable[[int, F64], F64]
 """Index of the sensor, time_s (n,) -> camera axes, (n, 3, 3)."""
@@ -134,7 +134,6 @@ def target_margins(
     )
 
 
-I64 = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 _PAIRS_AT_ONCE = 100_000  # (time, sensor, target) held at once: some 50 MB of temporaries

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.constants import EARTH_EQUATORIAL_RADIUS_M, EARTH_GM_M3_S2, SOLAR_CONSTANT_W_M2
 from warpsim.directions import normalised
 from warpsim.errors import errors_at
@@ -27,8 +27,6 @@ from warpsim.target.patches import patch_areas
 from warpsim.target.rotating_area import RotatingArea, SteadyArea, steady_area
 from warpsim.target.temperature import HeatBalance, Temperature, TemperatureRows, TemperatureTable
 from warpsim.target.torque_free import TorqueFree, TorqueFreeMotion
-
-F64 = npt.NDArray[np.float64]
 
 BODIES_AT_ONCE = 256
 """Targets of a kind whose heat balances are computed side by side, with common steps."""

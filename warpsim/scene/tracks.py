@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.config.model import parts_with_files
 from warpsim.errors import InputError
 from warpsim.instant import Instant
@@ -20,8 +21,6 @@ from warpsim.orbit.track import PositionFunction, Track
 from warpsim.scene.groups import AnyConstellation, TargetGroup
 from warpsim.scene.motion import MARGIN_S, motion_of
 from warpsim.scene.targets import SceneTarget
-
-F64 = npt.NDArray[np.float64]
 
 LONGEST_STEP_S = 3600.0
 """Longest node step."""

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.constants import ASTRONOMICAL_UNIT_M, SPEED_OF_LIGHT_M_S
 from warpsim.directions import normalised
 from warpsim.errors import InputError
-
-F64 = npt.NDArray[np.float64]
 
 SUN_SCHWARZSCHILD_AU = 1.97412574336e-8
 _MAS_RAD = np.pi / 180 / 3.6e6

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
@@ -18,7 +19,7 @@ from warpsim.sky.catalog_columns import checked_columns, checked_limits
 from warpsim.sky.positions import J2000_JYEAR, checked_jyear, paper_motion, rigorous_motion
 from warpsim.sky.readers.own_table import stars_of_table, table_of
 from warpsim.sky.star_photometry import warn_colours
-from warpsim.sky.stars import MOVED, Array, Stars, joined
+from warpsim.sky.stars import MOVED, Stars, joined
 
 if TYPE_CHECKING:
     from astropy.table import Table
@@ -236,7 +237,7 @@ class StarCatalog(Stars):
 
         return StarCatalog._of(synthetic_stars(n_star, limit_jy, sky, seed))
 
-    def filled(self, limit_jy: Mapping[str, Array] | None = None) -> StarCatalog:
+    def filled(self, limit_jy: Mapping[str, F64] | None = None) -> StarCatalog:
         """Return the catalog with unknown fluxes predicted from the spectrum; their flux_flag is 3.
 
         Predictions follow from the fluxes given alone; a star without any stays without.

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError, errors_at, printable
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.photometric_bands import (
@@ -26,8 +27,6 @@ from warpsim.sky.positions import J2000_JYEAR, checked_jyear, wrapped_deg
 from warpsim.sky.spectral_types import CLASS_UNKNOWN, of_spectral_types, warn_unknown_types
 from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_templates import DWARF
-
-Array = NDArray[np.float64]
 
 BAND_NAMES = tuple(BANDS)
 """The MSX bands, whose columns every table has."""
@@ -166,7 +165,7 @@ def _printable_ids(ids: NDArray[Any]) -> NDArray[Any]:
     return ids
 
 
-def _fill_from_type(columns: dict[str, Array], spectral_type: NDArray[np.str_], name: str) -> Array:
+def _fill_from_type(columns: dict[str, F64], spectral_type: NDArray[np.str_], name: str) -> F64:
     """Set unknown temperatures and classes by spectral types with a class; return the type_temperature_k of all."""
     type_k, luminosity = of_spectral_types(spectral_type)
     warn_unknown_types(name, spectral_type, type_k)
@@ -179,7 +178,7 @@ def _fill_from_type(columns: dict[str, Array], spectral_type: NDArray[np.str_], 
 
 def _vectors(
     numbers: Mapping[str, ArrayLike | None], flux_jy: Mapping[str, ArrayLike], flux_flag: Mapping[str, ArrayLike]
-) -> dict[str, Array]:
+) -> dict[str, F64]:
     """Columns as vectors, those of flags only where given."""
     columns = {"ra_deg": _vector(numbers["ra_deg"], "ra_deg")}
     n_star = len(columns["ra_deg"])
@@ -197,7 +196,7 @@ def _vectors(
     return columns
 
 
-def _check_ranges(columns: dict[str, Array], rows: NDArray[np.int64]) -> None:
+def _check_ranges(columns: dict[str, F64], rows: NDArray[np.int64]) -> None:
     """Check the numbers of stars; those that are not known become the value that stands for it."""
     for key, (low, high, unknown) in _RULES.items():
         columns[key] = np.where(np.isnan(columns[key]), unknown, columns[key])
@@ -208,8 +207,8 @@ def _check_ranges(columns: dict[str, Array], rows: NDArray[np.int64]) -> None:
 
 
 def _given_fluxes(
-    columns: Mapping[str, Array], bands: Iterable[str], rows: NDArray[np.int64]
-) -> tuple[dict[str, Array], dict[str, NDArray[np.uint8]], bool]:
+    columns: Mapping[str, F64], bands: Iterable[str], rows: NDArray[np.int64]
+) -> tuple[dict[str, F64], dict[str, NDArray[np.uint8]], bool]:
     """Fluxes given and what they are, by band, and whether there were others, filled in from the spectrum.
 
     Those are left out, unless a star has no other: then they are its catalog's predictions.
@@ -233,7 +232,7 @@ def _given_fluxes(
     return given_jy, given_flag, True
 
 
-def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, Array]:
+def checked_limits(limit_jy: Mapping[str, ArrayLike], n_star: int) -> dict[str, F64]:
     """Upper limits by band [Jy], (n_star,) each, checked; NaN for none."""
     limits = {}
     for band, values in limit_jy.items():
@@ -255,7 +254,7 @@ def _warn_left_out(where: str, located: NDArray[np.bool_], line_of_row: NDArray[
     warnings.warn(text, stacklevel=3)
 
 
-def _vector(values: Any, where: str) -> Array:
+def _vector(values: Any, where: str) -> F64:
     """Copy to a float64 vector."""
     try:
         vector = np.array(values, dtype=np.float64)
@@ -270,7 +269,7 @@ def _vector(values: Any, where: str) -> Array:
 
 
 def _check_range(
-    values: Array, low: float, high: float, where: str, rows: NDArray[np.int64], whole: bool = False
+    values: F64, low: float, high: float, where: str, rows: NDArray[np.int64], whole: bool = False
 ) -> None:
     """Raise for the first value outside [low, high], or no whole number; NaN passes. `rows` are the user's numbers."""
     bad = np.flatnonzero((values < low) | (values > high))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from warpsim_catalogs import path
 
+from warpsim.arrays import F64
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band
 from warpsim.sky.photometric_bands import FLUX_MEASURED, FLUX_NONE, flux_of_magnitude_jy
@@ -22,8 +23,6 @@ from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_spectrum import check_band
 from warpsim.sky.stellar_templates import DWARF, GIANT, colour, colour_temperature_k
 from warpsim.sky.visible_stars import FAIR, UNCERTAIN
-
-Array = NDArray[np.float64]
 
 FILE = "hip_gaia_ir_v2.npz"
 
@@ -56,24 +55,24 @@ class HipGaiaStars:
     hip: NDArray[np.int64]
     """Hipparcos number; 0 for none."""
 
-    ra_deg: Array
+    ra_deg: F64
     """ICRS: by Hipparcos astrometry if there is any, or else where Gaia saw the star in 2016."""
 
-    dec_deg: Array
-    pm_ra_mas_yr: Array
+    dec_deg: F64
+    pm_ra_mas_yr: F64
     """cos(dec) included; 0 without Hipparcos astrometry, like pm_dec_mas_yr."""
 
-    pm_dec_mas_yr: Array
-    parallax_mas: Array
+    pm_dec_mas_yr: F64
+    parallax_mas: F64
     """NaN without Hipparcos astrometry."""
 
-    g_mag: Array
+    g_mag: F64
     """G, where Gaia gives the magnitude; NaN elsewhere."""
 
-    hp_mag: Array
+    hp_mag: F64
     """Hp, where Hipparcos does; NaN elsewhere."""
 
-    temperature_k: Array
+    temperature_k: F64
     """Colour temperature [K]; NaN for stars without a colour."""
 
     luminosity: NDArray[np.int8]
@@ -82,7 +81,7 @@ class HipGaiaStars:
     quality: NDArray[np.int64]
     """Of the infrared light: 1 uncertain, 2 fair."""
 
-    bp_rp_mag: Array
+    bp_rp_mag: F64
     """BP-RP, of either catalog in the shipped file, of Gaia alone in the union; NaN where unknown."""
 
     infrared: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
@@ -116,7 +115,7 @@ class HipGaiaStars:
             filled=True,
         )
 
-    def magnitude_in(self, band: Band | str) -> Array:
+    def magnitude_in(self, band: Band | str) -> F64:
         """Magnitude in a band with a zero point, shape (n,), predicted from G, or from Hp where G is NaN."""
         by_g, by_hp = (
             magnitude - colour(given, band, self.luminosity, self.temperature_k)
@@ -136,7 +135,7 @@ def unpacked(packed: Mapping[str, NDArray[Any]]) -> HipGaiaStars:
     flags = packed["flags"].astype(np.int64)
     has_hip, by_hp = (flags & HIPPARCOS_FLAG) != 0, (flags & HP_FLAG) != 0
 
-    def from_hip_rows(key: str, fill: float, scale: float) -> Array:
+    def from_hip_rows(key: str, fill: float, scale: float) -> F64:
         """Spread a column of the Hipparcos stars over all rows."""
         values = np.full(len(flags), fill)
         values[has_hip] = packed[key] * scale

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.sky.default_catalog import HipGaiaStars
@@ -23,7 +24,6 @@ from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_templates import GIANT
 from warpsim.sky.visible_stars import UNCERTAIN, VisibleStars, by_gaia, by_hipparcos, hipparcos_v_mag
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 HIPPARCOS_VERSION = "0.1.0"
@@ -66,23 +66,23 @@ class Hipparcos:
     """Columns of Hipparcos-2 (van Leeuwen 2007, CDS I/311), epoch 1991.25, ICRS; shape (n,) each."""
 
     hip: NDArray[np.int64]
-    ra_deg: Array
-    dec_deg: Array
-    parallax_mas: Array
-    pm_ra_mas_yr: Array
+    ra_deg: F64
+    dec_deg: F64
+    parallax_mas: F64
+    pm_ra_mas_yr: F64
     """cos(dec) included."""
 
-    pm_dec_mas_yr: Array
-    hp_mag: Array
+    pm_dec_mas_yr: F64
+    hp_mag: F64
     """Those of SATURATED_V_MAG by their V."""
 
-    b_v_mag: Array
+    b_v_mag: F64
     """NaN where missing."""
 
-    v_i_mag: Array
+    v_i_mag: F64
     """NaN where missing."""
 
-    def moved(self, epoch_jyear: float) -> tuple[Array, Array, Array, Array, Array]:
+    def moved(self, epoch_jyear: float) -> tuple[F64, F64, F64, F64, F64]:
         """Return right ascension, declination, their motions and relative distances at another epoch."""
         years = epoch_jyear - HIPPARCOS_EPOCH_JYEAR
         return rigorous_motion(self.ra_deg, self.dec_deg, self.pm_ra_mas_yr, self.pm_dec_mas_yr, years)
@@ -95,10 +95,10 @@ class Gaia:
     source_id: NDArray[np.int64]
     """Negative: one of the 70 brightest stars, with position and magnitude from Hipparcos."""
 
-    ra_deg: Array
-    dec_deg: Array
-    g_mag: Array
-    bp_rp_mag: Array
+    ra_deg: F64
+    dec_deg: F64
+    g_mag: F64
+    bp_rp_mag: F64
     """BP - RP; NaN where one of the two is missing."""
 
 
@@ -172,9 +172,7 @@ def match(star: Hipparcos, gaia: Gaia) -> tuple[Rows, NDArray[np.bool_]]:
     return partner, disputed & ~star_taken
 
 
-def close_pairs(
-    left_ra_deg: Array, left_dec_deg: Array, right_ra_deg: Array, right_dec_deg: Array
-) -> tuple[Rows, Rows, Array]:
+def close_pairs(left_ra_deg: F64, left_dec_deg: F64, right_ra_deg: F64, right_dec_deg: F64) -> tuple[Rows, Rows, F64]:
     """Rows in two lists of all pairs closer than MATCH_RADIUS_ARCSEC, and their separation [arcsec]; (n_pair,) each."""
     from scipy.spatial import KDTree
 
@@ -213,11 +211,11 @@ def union_stars() -> HipGaiaStars:
     # Distances change by less than 1e-7.
     star_ra_deg, star_dec_deg, star_pm_ra, star_pm_dec, _ = star.moved(J2000_JYEAR)
 
-    def of_hipparcos(values: Array, otherwise: float) -> Array:
+    def of_hipparcos(values: F64, otherwise: float) -> F64:
         """Spread values of the Hipparcos stars over the rows of the union."""
         return np.where(has_star, values[of_star], otherwise)
 
-    def of_gaia_first(gaia_values: Array, star_values: Array) -> Array:
+    def of_gaia_first(gaia_values: F64, star_values: F64) -> F64:
         return np.concatenate([gaia_values, star_values[star_only]])
 
     n_gaia, n_star = len(gaia_row), len(star_only)

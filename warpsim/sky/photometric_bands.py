@@ -8,13 +8,11 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import BANDS, bands, name_among
-
-Array = NDArray[np.float64]
 
 FLUX_NONE, FLUX_MEASURED, FLUX_PREDICTED, FLUX_FILLED = 0, 1, 2, 3
 """What a star's flux in a band is: unknown (NaN), measured, predicted by the catalog, or filled in from the spectrum.
@@ -112,12 +110,12 @@ def check_flux_columns(names: Iterable[str]) -> None:
             raise InputError(f"must be of one of the bands {', '.join(photometric_bands())}", name)
 
 
-def flux_of_magnitude_jy(band: str, magnitude: Array) -> Array:
+def flux_of_magnitude_jy(band: str, magnitude: F64) -> F64:
     """Flux density [Jy] of magnitudes in a photometric band, against its zero_mag_jy; NaN in, NaN out."""
     return np.asarray(photometric_bands()[band].zero_mag_jy * 10.0 ** (-0.4 * magnitude))
 
 
-def flux_of_colour_jy(v_flux_jy: Array, b_v_mag: Array) -> Array:
+def flux_of_colour_jy(v_flux_jy: F64, b_v_mag: F64) -> F64:
     """Flux density in B [Jy] of stars with a flux density in V [Jy] and B-V [mag]; NaN in, NaN out."""
     bands = photometric_bands()
     return np.asarray(v_flux_jy * bands["B"].zero_mag_jy / bands["V"].zero_mag_jy * 10.0 ** (-0.4 * b_v_mag))

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
-
-Array = NDArray[np.float64]
 
 J2000_JYEAR = 2000.0
 
@@ -25,20 +24,20 @@ LONGEST_MOTION_YR = 1e5
 _MAS_RAD = math.pi / 180.0 / 3.6e6
 
 
-def position_of(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+def position_of(x: F64, y: F64, z: F64) -> tuple[F64, F64]:
     """Right ascension in [0, 360) and declination [deg] of vectors of any length by components, shape (n,) each."""
     return wrapped_deg(np.degrees(np.arctan2(y, x))), np.degrees(np.arctan2(z, np.hypot(x, y)))
 
 
-def wrapped_deg(angle_deg: Array) -> Array:
+def wrapped_deg(angle_deg: F64) -> F64:
     """Angles in [0, 360) [deg]; a tiny negative one, whose remainder rounds to 360, is 0."""
     wrapped = angle_deg % 360.0
     return np.where(wrapped == 360.0, 0.0, wrapped)
 
 
 def rigorous_motion(
-    ra_deg: Array, dec_deg: Array, pm_ra_mas_yr: Array, pm_dec_mas_yr: Array, years: float
-) -> tuple[Array, Array, Array, Array, Array]:
+    ra_deg: F64, dec_deg: F64, pm_ra_mas_yr: F64, pm_dec_mas_yr: F64, years: float
+) -> tuple[F64, F64, F64, F64, F64]:
     """Move stars at constant velocity in space, without radial part.
 
     u(t) = normalize(u0 + t (mu_ra p + mu_dec q)), p east and q north (ESA 1997, SP-1200 vol. 1, eq. 1.2.16 without
@@ -61,9 +60,7 @@ def rigorous_motion(
     return ra_deg, dec_deg, pm_ra, pm_dec, distance
 
 
-def paper_motion(
-    ra_deg: Array, dec_deg: Array, pm_ra_mas_yr: Array, pm_dec_mas_yr: Array, years: float
-) -> tuple[Array, Array]:
+def paper_motion(ra_deg: F64, dec_deg: F64, pm_ra_mas_yr: F64, pm_dec_mas_yr: F64, years: float) -> tuple[F64, F64]:
     """Move right ascension and declination linearly in time: Eq. 5 of the paper.
 
     alpha = alpha0 + mu_alpha t, delta = delta0 + mu_delta t, with mu_alpha the rate of the angle itself: the proper
@@ -80,10 +77,10 @@ def paper_motion(
     return ra_deg, dec_deg
 
 
-_Components = tuple[Array, Array, Array]
+_Components = tuple[F64, F64, F64]
 
 
-def _axes(ra_deg: Array, dec_deg: Array) -> tuple[_Components, _Components, _Components]:
+def _axes(ra_deg: F64, dec_deg: F64) -> tuple[_Components, _Components, _Components]:
     """Unit vectors to each star, and to its east and north, by components (n,) each.
 
     At a pole east and north follow the right ascension.
@@ -127,7 +124,7 @@ def dec_range_deg(region: Sequence[Cone]) -> tuple[float, float]:
     return min(dec - radius for _, dec, radius in region) - 1e-9, max(dec + radius for _, dec, radius in region) + 1e-9
 
 
-def within_cones(ra_deg: Array, dec_deg: Array, region: Sequence[Cone]) -> NDArray[np.bool_]:
+def within_cones(ra_deg: F64, dec_deg: F64, region: Sequence[Cone]) -> NDArray[np.bool_]:
     """Return whether each position lies in any of some cones, their edges included, shape (n,)."""
     inside = np.zeros(len(ra_deg), dtype=np.bool_)
     direction = unit_vectors(ra_deg, dec_deg)

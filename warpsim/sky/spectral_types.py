@@ -14,9 +14,8 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.sky.stellar_templates import DWARF, GIANT
-
-Array = NDArray[np.float64]
 
 CLASS_UNKNOWN = -1
 """Of types without a luminosity class, such as "F5"."""
@@ -53,7 +52,7 @@ _ROMAN = ("I", "II", "III", "IV", "V", "VI")
 _CLASS_OF_PREFIX = {"sd": "VI", "d": "V", "g": "III"}
 
 
-def of_spectral_types(types: NDArray[np.str_]) -> tuple[Array, NDArray[np.int8]]:
+def of_spectral_types(types: NDArray[np.str_]) -> tuple[F64, NDArray[np.int8]]:
     """Return temperatures [K] of a dwarf and of a giant of each type, (n, 2), and its luminosity class, (n,).
 
     Both are the same for a type with a class; NaN and CLASS_UNKNOWN where a type is not understood. Subgiants (IV)
@@ -66,7 +65,7 @@ def of_spectral_types(types: NDArray[np.str_]) -> tuple[Array, NDArray[np.int8]]
     return temperature_k[kind], luminosity[kind]
 
 
-def warn_unknown_types(name: str, types: NDArray[np.str_], temperature_k: Array) -> None:
+def warn_unknown_types(name: str, types: NDArray[np.str_], temperature_k: F64) -> None:
     """Warn about stars whose type is not understood: how many, and the first types; blanks are no types."""
     unknown = types[np.isnan(temperature_k[:, DWARF]) & (np.char.strip(types.astype(np.str_)) != "")]
     if len(unknown):

@@ -7,12 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64, I64
 from warpsim.radiometry.band import Band
 from warpsim.sky.catalog import StarCatalog
 
-Array = NDArray[np.float64]
-Whole = NDArray[np.int64]
-Counts = tuple[Whole, Whole]
+Counts = tuple[I64, I64]
 
 # A magnitude of 3 exactly belongs to 3, and 1e-16 W/cm2 to its own decade, whatever the rounding of a flux.
 _ROUNDING = 1e-9
@@ -44,7 +43,7 @@ def irradiance_counts(catalog: StarCatalog, band: Band | str) -> Counts:
         return _counts(np.log10(catalog.irradiance_w_cm2(band)))
 
 
-def complete_to(irradiance: Array) -> float:
+def complete_to(irradiance: F64) -> float:
     """Return the irradiance down to which stars are complete: that of the faintest in the fullest bin of its logarithm.
 
     Stars become ever more numerous as they fade; where a catalog's do not, it misses some. Bins follow Freedman and
@@ -61,7 +60,7 @@ def complete_to(irradiance: Array) -> float:
     return float(light[number == bins[np.argmax(counts)]].min())
 
 
-def _counts(values: Array) -> Counts:
+def _counts(values: F64) -> Counts:
     whole = np.floor(values[np.isfinite(values)] + _ROUNDING).astype(np.int64)
     if not len(whole):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
@@ -84,7 +83,7 @@ def most_stars_in_cone(direction_icrs: NDArray[np.floating], radius_rad: float) 
     return max(_most_near_equator(np.roll(direction, axis, axis=1), radius) for axis in range(3))
 
 
-def _most_near_equator(direction: Array, radius: float) -> int:
+def _most_near_equator(direction: F64, radius: float) -> int:
     """The bound for cones about points from which the equator is no farther than _EQUATORIAL_RAD."""
     n_zone = min(int(np.ceil(CELLS_OF_RADIUS * np.pi / radius)), MOST_ZONES)
     n_column, step = 2 * n_zone, np.pi / n_zone  # a column is as wide as a zone is high, at the equator
@@ -99,7 +98,7 @@ def _most_near_equator(direction: Array, radius: float) -> int:
     return max(_most_in_window(row, int(n)) for row, n in zip(about, n_wide, strict=True))
 
 
-def _cell_counts(direction: Array, n_zone: int, n_column: int) -> Whole:
+def _cell_counts(direction: F64, n_zone: int, n_column: int) -> I64:
     """Stars of each cell, shape (n_zone, n_column)."""
     declination = np.arctan2(direction[:, 2], np.hypot(direction[:, 0], direction[:, 1]))
     right_ascension = np.arctan2(direction[:, 1], direction[:, 0]) % (2 * np.pi)
@@ -108,14 +107,14 @@ def _cell_counts(direction: Array, n_zone: int, n_column: int) -> Whole:
     return np.bincount(zone * n_column + column, minlength=n_zone * n_column).reshape(n_zone, n_column)
 
 
-def _half_width_rad(declination: Array, radius: float) -> Array:
+def _half_width_rad(declination: F64, radius: float) -> F64:
     """Half-width in right ascension of a cone about a declination from 0 to pi / 2; pi where a pole is in it."""
     has_pole = declination + radius >= np.pi / 2
     cosine = np.where(has_pole, 1.0, np.cos(declination))
     return np.where(has_pole, np.pi, np.arcsin(np.minimum(np.sin(radius) / cosine, 1.0)))
 
 
-def _most_in_window(row: Whole, n_wide: int) -> int:
+def _most_in_window(row: I64, n_wide: int) -> int:
     """Largest sum of neighbours of a ring."""
     before = np.concatenate([[0], np.cumsum(np.concatenate([row, row[: n_wide - 1]]))])
     return int((before[n_wide:] - before[:-n_wide]).max())

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64, I64
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band
@@ -25,9 +26,7 @@ from warpsim.sky.stellar_templates import (
     luminosity_class,
 )
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.uint8]
-Whole = NDArray[np.int64]
 
 COLOURS = {
     ("BP", "RP"): 1.0,
@@ -58,38 +57,38 @@ class StarPhotometry:
     Light is predicted from the fluxes given alone, never from predictions. What was computed once is kept.
     """
 
-    given_jy: Mapping[str, Array]
+    given_jy: Mapping[str, F64]
     """Flux density [Jy] by photometric band; NaN where unknown."""
 
     given_flag: Mapping[str, Flags]
     """Kinds of the fluxes given, for the same bands."""
 
-    temperature_k: Array
+    temperature_k: F64
     """Colour temperature as given, or of the spectral type [K]; NaN where neither does."""
 
     luminosity: NDArray[np.int8]
     """Luminosity class: 0 dwarf, 1 giant, -1 unknown."""
 
-    parallax_mas: Array
+    parallax_mas: F64
     """Parallax [mas]; NaN where unknown."""
 
-    pm_mas_yr: Array
+    pm_mas_yr: F64
     """Proper motion [mas/yr]; 0 where unknown."""
 
     filled: bool = False
     """Whether flux_jy() gives predictions where no flux was given."""
 
-    limit_jy: Mapping[str, Array] = field(default_factory=dict)
+    limit_jy: Mapping[str, F64] = field(default_factory=dict)
     """Upper limits of predicted fluxes by band [Jy], NaN for none."""
 
-    _flux_jy: dict[str, Array] = field(default_factory=dict, init=False, repr=False)
+    _flux_jy: dict[str, F64] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         fluxes: list[NDArray[Any]] = [*self.given_jy.values(), *self.given_flag.values()]
         for values in (*fluxes, self.temperature_k, self.luminosity):
             frozen(values)
 
-    def flux_jy(self, band: Band | str) -> Array:
+    def flux_jy(self, band: Band | str) -> F64:
         """Flux density as given [Jy], or predicted if `filled`; NaN where there is none."""
         name = flux_band(band).name
         if self.filled:
@@ -106,7 +105,7 @@ class StarPhotometry:
         predicted = (given == FLUX_NONE) & np.isfinite(self._known_jy(name))
         return frozen(np.where(predicted, np.uint8(FLUX_FILLED), given))
 
-    def irradiance_w_cm2(self, band: Band | str, physics: Physics = "physical") -> Array:
+    def irradiance_w_cm2(self, band: Band | str, physics: Physics = "physical") -> F64:
         """In-band irradiance [W/cm2]; 0 for stars without any flux. See StarCatalog.irradiance_w_cm2()."""
         radiometry = as_radiometry(physics)
         band = as_band(band)
@@ -119,7 +118,7 @@ class StarPhotometry:
             light = self._spectral_w_cm2(band)
         return np.where(np.isnan(light), 0.0, light)
 
-    def magnitude(self, band: Band | str) -> Array:
+    def magnitude(self, band: Band | str) -> F64:
         """Magnitude: of flux_jy() in a photometric band, in any other that has a zero point of the irradiance."""
         band = as_band(band)
         if photometric_name(band) is not None:
@@ -133,7 +132,7 @@ class StarPhotometry:
             return np.asarray(-2.5 * np.log10(ratio))
 
     @functools.cached_property
-    def spectrum_luminosity(self) -> Whole:
+    def spectrum_luminosity(self) -> I64:
         """Luminosity classes of the spectra: as given, else by colour and parallax or motion, else giants."""
         luminosity = self.luminosity.astype(np.int64)
         rows = np.flatnonzero(luminosity < DWARF)
@@ -150,14 +149,14 @@ class StarPhotometry:
         return frozen(luminosity)
 
     @functools.cached_property
-    def spectrum_temperature_k(self) -> Array:
+    def spectrum_temperature_k(self) -> F64:
         """Colour temperatures of the spectra [K]: as given, else by the first colour known, else a K giant's."""
         temperature_k = self.temperature_k.copy()
         for bands, rows, colour_mag in self.telling_colours():
             temperature_k[rows] = colour_temperature_k(colour_mag, bands, self.spectrum_luminosity[rows])
         return frozen(np.where(np.isnan(temperature_k), UNKNOWN_TEMPERATURE_K, temperature_k))
 
-    def telling_colours(self) -> Iterator[tuple[tuple[str, str], Whole, Array]]:
+    def telling_colours(self) -> Iterator[tuple[tuple[str, str], I64, F64]]:
         """Yield the colours that temperatures follow from, the surest first: bands, rows of stars, colours [mag]."""
         missing = np.isnan(self.temperature_k)
         for blue, red in (*COLOURS, *OTHER_COLOURS):
@@ -168,7 +167,7 @@ class StarPhotometry:
                 missing[rows[known]] = False
                 yield (blue, red), rows[known], colour_mag[known]
 
-    def with_types(self, type_temperature_k: Array) -> StarPhotometry:
+    def with_types(self, type_temperature_k: F64) -> StarPhotometry:
         """Return the photometry with temperatures of spectral types where none is given and no colour in COLOURS known.
 
         Those are of a dwarf and of a giant of the type [K], (n, 2); NaN without a type.
@@ -179,7 +178,7 @@ class StarPhotometry:
         temperature_k[rows] = type_temperature_k[rows, self.spectrum_luminosity[rows]]
         return replace(self, temperature_k=temperature_k)
 
-    def rows(self, rows: Whole) -> StarPhotometry:
+    def rows(self, rows: I64) -> StarPhotometry:
         """Return the photometry of the stars in some rows."""
 
         def of_rows(values: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -196,7 +195,7 @@ class StarPhotometry:
             limit_jy=of_rows(self.limit_jy),
         )
 
-    def _bp_rp_mag(self, rows: Whole) -> Array:
+    def _bp_rp_mag(self, rows: I64) -> F64:
         """BP-RP, or what another colour makes of it [mag]; NaN where there is none."""
         bp_rp_mag = np.full(len(rows), np.nan)
         for (blue, red), bp_rp_per_colour in COLOURS.items():
@@ -204,7 +203,7 @@ class StarPhotometry:
             bp_rp_mag = np.where(np.isnan(bp_rp_mag), colour_mag * bp_rp_per_colour, bp_rp_mag)
         return bp_rp_mag
 
-    def _magnitude(self, name: str, rows: Whole) -> Array:
+    def _magnitude(self, name: str, rows: I64) -> F64:
         """Magnitude of the flux given in a band; NaN where there is none, or it is 0."""
         if name not in self.given_jy:
             return np.full(len(rows), np.nan)
@@ -213,7 +212,7 @@ class StarPhotometry:
             -2.5 * np.log10(np.where(flux_jy > 0.0, flux_jy, np.nan) / photometric_bands()[name].zero_mag_jy)
         )
 
-    def _known_jy(self, name: str) -> Array:
+    def _known_jy(self, name: str) -> F64:
         """Flux density given or predicted [Jy]; NaN for stars without any flux."""
         if name not in self._flux_jy:
             flux_jy = self.given_jy.get(name)
@@ -226,14 +225,14 @@ class StarPhotometry:
             self._flux_jy[name] = frozen(flux_jy)
         return self._flux_jy[name]
 
-    def _predicted_jy(self, name: str, rows: slice | NDArray[np.int64]) -> Array:
+    def _predicted_jy(self, name: str, rows: slice | NDArray[np.int64]) -> F64:
         band = photometric_bands()[name]
         flux_jy = self._spectral_w_cm2(band, rows) / calibration_w_cm2_per_jy(name)
         if name not in self.limit_jy:
             return flux_jy
         return np.where(np.isnan(flux_jy), np.nan, np.fmin(flux_jy, self.limit_jy[name][rows]))
 
-    def _spectral_w_cm2(self, band: Band, rows: slice | NDArray[np.int64] = slice(None)) -> Array:
+    def _spectral_w_cm2(self, band: Band, rows: slice | NDArray[np.int64] = slice(None)) -> F64:
         """Irradiance of the spectra in a band [W/cm2]; NaN for stars without any flux."""
         given_jy = {name: flux_jy[rows] for name, flux_jy in self.given_jy.items()}
         return band_irradiance_w_cm2(band, given_jy, self.spectrum_temperature_k[rows], self.spectrum_luminosity[rows])

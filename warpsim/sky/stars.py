@@ -11,13 +11,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.arrays import F64
 from warpsim.directions import unit_vectors
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.magnitudes import Physics
 from warpsim.sky.star_photometry import StarPhotometry, frozen
-
-Array = NDArray[np.float64]
 
 MOVED = ("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "parallax_mas")
 """Numbers that change with the epoch."""
@@ -30,22 +29,22 @@ _CHUNK_NAMES = 1 << 16
 class Stars:
     """Stars with positions, motions and light; immutable, all arrays read-only."""
 
-    ra_deg: Array
+    ra_deg: F64
     """Right ascension [deg], ICRS at epoch_jyear, in [0, 360), shape (n,)."""
 
-    dec_deg: Array
+    dec_deg: F64
     """Declination [deg], ICRS at epoch_jyear, shape (n,)."""
 
-    pm_ra_mas_yr: Array
+    pm_ra_mas_yr: F64
     """Proper motion in right ascension, cos(dec) included [mas/yr], at epoch_jyear, shape (n,)."""
 
-    pm_dec_mas_yr: Array
+    pm_dec_mas_yr: F64
     """Proper motion in declination [mas/yr], at epoch_jyear, shape (n,)."""
 
-    parallax_mas: Array
+    parallax_mas: F64
     """Parallax [mas], shape (n,); NaN where unknown."""
 
-    temperature_k: Array
+    temperature_k: F64
     """Colour temperature as given, or of the spectral type [K], shape (n,); NaN where neither does (see
     `spectrum_temperature_k`)."""
 
@@ -81,13 +80,13 @@ class Stars:
     def _made(
         cls,
         *,
-        flux_jy: Mapping[str, Array],
+        flux_jy: Mapping[str, F64],
         flux_flag: Mapping[str, NDArray[np.uint8]],
         id: NDArray[Any],
         spell_id: tuple[str, str] = ("", ""),
         filled: bool = False,
-        type_temperature_k: Array | None = None,
-        limit_jy: Mapping[str, Array] | None = None,
+        type_temperature_k: F64 | None = None,
+        limit_jy: Mapping[str, F64] | None = None,
         **columns: Any,
     ) -> Self:
         """The stars of columns that break no rule, by the names of the fields; every array becomes read-only.
@@ -160,12 +159,12 @@ class Stars:
         return self._photometry.spectrum_luminosity
 
     @property
-    def spectrum_temperature_k(self) -> Array:
+    def spectrum_temperature_k(self) -> F64:
         """Colour temperature of the spectrum [K], shape (n,): as given, or from a colour; 4850 without one."""
         return self._photometry.spectrum_temperature_k
 
     @functools.cached_property
-    def direction_icrs(self) -> Array:
+    def direction_icrs(self) -> F64:
         """Unit vectors at epoch_jyear, ICRS axes, shape (n, 3)."""
         return frozen(unit_vectors(self.ra_deg, self.dec_deg))
 
@@ -196,7 +195,7 @@ class Stars:
         light = self._photometry
         digest = hashlib.sha256(f"{self.epoch_jyear}".encode())
 
-        def add(what: str, values: Array) -> None:
+        def add(what: str, values: F64) -> None:
             digest.update(what.encode())
             digest.update(np.where(np.isnan(values), np.nan, values).tobytes())
 
@@ -212,7 +211,7 @@ class Stars:
             digest.update("\n".join(["", *names.tolist()]).encode())
         return digest.hexdigest()
 
-    def flux_jy(self, band: Band | str) -> Array:
+    def flux_jy(self, band: Band | str) -> F64:
         """Flux density [Jy], shape (n,), as given, or predicted if the catalog is filled; NaN where there is none.
 
         Raises:
@@ -228,7 +227,7 @@ class Stars:
         """
         return self._photometry.flux_flag(band)
 
-    def irradiance_w_cm2(self, band: Band | str, physics: Physics = "physical") -> Array:
+    def irradiance_w_cm2(self, band: Band | str, physics: Physics = "physical") -> F64:
         """In-band irradiance above the atmosphere [W/cm2], shape (n,).
 
         In a photometric band in which the star has a flux: the flux density times the band's w_cm2_per_jy (in those of
@@ -247,7 +246,7 @@ class Stars:
         """
         return self._photometry.irradiance_w_cm2(band, physics)
 
-    def magnitude(self, band: Band | str) -> Array:
+    def magnitude(self, band: Band | str) -> F64:
         """Magnitude, shape (n,); NaN where there is no flux, inf where it is 0.
 
         In a photometric band that of flux_jy() against the band's zero_mag_jy (Eq. 4); in any other that of the

@@ -19,13 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64, I64
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.sky.photometric_bands import photometric_bands
 from warpsim.sky.stellar_templates import DWARF, GIANT, band_nodes, check_reach, mixture
-
-Array = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 VALID_UM = (0.3, 30.0)
 """Half-power points of bands in which the light of stars is known [um]."""
@@ -55,7 +53,7 @@ _CHUNK_STARS = 1 << 14
 class BandTables:
     """What the light of stars with the same anchors follows from."""
 
-    light: Array
+    light: F64
     """Integrals of energy response times template times hat: in the band and in each anchor, by knot of the factor,
     shape (n_class, n_temperature, 1 + n_anchor, n_knot). The factor is the sum of its values at the knots times hats,
     which are 1 at their own knot and 0 at the others; hats add up to 1."""
@@ -68,8 +66,8 @@ class BandTables:
 
 
 def band_irradiance_w_cm2(
-    band: Band, flux_jy: Mapping[str, Array], temperature_k: Array, luminosity: NDArray[np.integer]
-) -> Array:
+    band: Band, flux_jy: Mapping[str, F64], temperature_k: F64, luminosity: NDArray[np.integer]
+) -> F64:
     """In-band irradiance of stars [W/cm2], shape (n_star,), from their fluxes in photometric bands; NaN without any.
 
     Unknown fluxes are NaN; temperatures are as mixture() takes them, and any luminosity but DWARF is a giant's.
@@ -103,7 +101,7 @@ def calibration_w_cm2_per_jy(name: str) -> float:
     return photometric_bands()[name].w_cm2_per_jy / SURVEY_SCALE.get(name, 1.0)
 
 
-def _kinds(values: Mapping[str, Array]) -> list[tuple[tuple[str, ...], Whole]]:
+def _kinds(values: Mapping[str, F64]) -> list[tuple[tuple[str, ...], I64]]:
     """Stars with the same anchors: names of the bands, in order of wavelength, and the rows of the stars."""
     if not values:
         return []
@@ -122,12 +120,12 @@ def _kinds(values: Mapping[str, Array]) -> list[tuple[tuple[str, ...], Whole]]:
     return kinds
 
 
-def _light(tables: BandTables, irradiance_w_cm2: Sequence[Array], temperature_k: Array, luminosity: Whole) -> Array:
+def _light(tables: BandTables, irradiance_w_cm2: Sequence[F64], temperature_k: F64, luminosity: I64) -> F64:
     """Irradiance in the band [W/cm2], shape (n,), from those in the anchors, each (n,)."""
     n_knot, anchors = tables.light.shape[-1], range(len(irradiance_w_cm2))
     by_knot = _mixed_columns(tables.light, temperature_k, luminosity)
-    wanted: list[Array] = [np.zeros(len(temperature_k)) for _ in range(n_knot)]
-    mixing: dict[tuple[int, int], Array] = {}
+    wanted: list[F64] = [np.zeros(len(temperature_k)) for _ in range(n_knot)]
+    mixing: dict[tuple[int, int], F64] = {}
     for anchor, knot, part in ((anchor, tables.knot[anchor], tables.part[anchor]) for anchor in anchors):
         of_knots = {k: by_knot[anchor + 1, k] for k in range(n_knot) if (anchor + 1, k) in by_knot}
         scale = part / sum(of_knots.values())
@@ -139,7 +137,7 @@ def _light(tables: BandTables, irradiance_w_cm2: Sequence[Array], temperature_k:
     return np.asarray(sum(by_knot[0, k] * factor[k] for k in range(n_knot) if (0, k) in by_knot))
 
 
-def _mixed_columns(values: Array, temperature_k: Array, luminosity: Whole) -> dict[tuple[int, int], Array]:
+def _mixed_columns(values: F64, temperature_k: F64, luminosity: I64) -> dict[tuple[int, int], F64]:
     """Numbers of stars mixed from those of the templates, by their last two indices; those that are 0 are left out.
 
     What mixed() does, a column at a time: ten times faster for so few numbers a star.
@@ -154,7 +152,7 @@ def _mixed_columns(values: Array, temperature_k: Array, luminosity: Whole) -> di
     }
 
 
-def _factor(wanted: list[Array], mixing: Mapping[tuple[int, int], Array]) -> list[Array]:
+def _factor(wanted: list[F64], mixing: Mapping[tuple[int, int], F64]) -> list[F64]:
     """Factor at its knots whose means over the anchors are those wanted; never negative.
 
     Each round multiplies it by wanted over found mean, from the wanted means on (as Richardson and Lucy's deconvolution
@@ -186,7 +184,7 @@ def band_tables(band: Band, anchors: tuple[Band, ...]) -> BandTables:
     return BandTables(light, tuple(knot.tolist()), tuple(part.tolist()))
 
 
-def _knots(anchors: Sequence[Band]) -> tuple[Array, Whole]:
+def _knots(anchors: Sequence[Band]) -> tuple[F64, I64]:
     """Wavelengths of the factor's knots [um], and the knot of each anchor: one begins where the last is far enough."""
     knots_um: list[float] = []
     knot = []
@@ -197,7 +195,7 @@ def _knots(anchors: Sequence[Band]) -> tuple[Array, Whole]:
     return np.array(knots_um), np.array(knot)
 
 
-def _light_by_knot(band: Band, knots_um: Array) -> Array:
+def _light_by_knot(band: Band, knots_um: F64) -> F64:
     """Integrals of energy response times template times hat, shape (n_class, n_temperature, n_knot)."""
     node_um, light = _template_light(band)
     hats = [np.interp(np.log(node_um), np.log(knots_um), hat) for hat in np.eye(len(knots_um))]
@@ -205,7 +203,7 @@ def _light_by_knot(band: Band, knots_um: Array) -> Array:
 
 
 @functools.lru_cache(maxsize=64)
-def _template_light(band: Band) -> tuple[Array, Array]:
+def _template_light(band: Band) -> tuple[F64, F64]:
     """Quadrature nodes over a band [um], (m,), and weight times energy response times template, (..., m)."""
     # Nodes wherever a factor may have a knot: quadratures end their pieces at the nodes.
     knots_um = [anchor.isophotal_um for anchor in photometric_bands().values()]

@@ -21,11 +21,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.bands import as_band
 
-Array = NDArray[np.float64]
 Classes = NDArray[np.int64]
 
 DWARF, GIANT = 0, 1
@@ -51,19 +51,19 @@ _PAIRS = {"BP-RP": ("BP", "RP"), "V-K": ("V", "Ks"), "J-K": ("J", "Ks")}
 
 @dataclass(frozen=True)
 class _Templates:
-    wavelength_um: Array
+    wavelength_um: F64
     """Of the nodes, (m,), increasing."""
 
-    temperature_k: Array
+    temperature_k: F64
     """(n_t,), increasing."""
 
-    spectrum: Array
+    spectrum: F64
     """Spectral irradiance per wavelength, relative, (n_class, n_t, m), of integral 1 over wavelength."""
 
-    v_i_mag: Array
+    v_i_mag: F64
     """Mean V-I as Hipparcos lists it [mag], (n_class, n_t)."""
 
-    b_v_mag: Array
+    b_v_mag: F64
     """Mean B-V as Hipparcos lists it [mag], (n_class, n_t)."""
 
 
@@ -79,7 +79,7 @@ def templates() -> _Templates:
     return _Templates(**numbers)
 
 
-def mixture(temperature_k: ArrayLike) -> tuple[NDArray[np.int64], Array]:
+def mixture(temperature_k: ArrayLike) -> tuple[NDArray[np.int64], F64]:
     """Lower template k and weight w of the next one for temperatures [K], of their shape.
 
     NaN stands for UNKNOWN_TEMPERATURE_K, and temperatures beyond the templates' for the nearest of them.
@@ -92,7 +92,7 @@ def mixture(temperature_k: ArrayLike) -> tuple[NDArray[np.int64], Array]:
     return lower, (np.log(clipped_k) - ln_grid[lower]) / (ln_grid[lower + 1] - ln_grid[lower])
 
 
-def mixed(values: Array, luminosity: ArrayLike, temperature_k: ArrayLike) -> Array:
+def mixed(values: F64, luminosity: ArrayLike, temperature_k: ArrayLike) -> F64:
     """Values of stars, (n_star, ...), from those of the templates: any linear function of them, (n_class, n_t, ...).
 
     Any luminosity but DWARF is taken for GIANT; temperatures are as mixture() takes them.
@@ -103,7 +103,7 @@ def mixed(values: Array, luminosity: ArrayLike, temperature_k: ArrayLike) -> Arr
     return np.asarray((1.0 - weight) * values[of_class, lower] + weight * values[of_class, lower + 1])
 
 
-def band_nodes(band: Band | str) -> tuple[Array, Array, Array]:
+def band_nodes(band: Band | str) -> tuple[F64, F64, F64]:
     """Quadrature over a band: wavelengths and weights times energy response [um] (m,), templates (n_class, n_t, m).
 
     The nodes are Gauss points between any two neighbours among the nodes of response and templates: exact for the light
@@ -134,26 +134,26 @@ def check_reach(band: Band) -> None:
         raise InputError(f"{rule}, got {low_um:g} to {high_um:g} um").of(f"band {band.name}")
 
 
-def band_light(band: Band | str) -> Array:
+def band_light(band: Band | str) -> F64:
     """Integral of energy response times template over wavelength, relative, (n_class, n_t); read-only."""
     return _band_light(as_band(band))
 
 
 @functools.lru_cache(maxsize=64)
-def _band_light(band: Band) -> Array:
+def _band_light(band: Band) -> F64:
     _, weight_um, spectrum = band_nodes(band)
     light = spectrum @ weight_um
     light.setflags(write=False)
     return np.asarray(light)
 
 
-def magnitude_light(band: Band | str) -> Array:
+def magnitude_light(band: Band | str) -> F64:
     """Light of the templates in a band with a zero point over that of magnitude 0, relative, (n_class, n_t)."""
     band = as_band(band)
     return band_light(band) / band.zero_mag_w_cm2
 
 
-def colour(band: Band | str, other: Band | str, luminosity: ArrayLike, temperature_k: ArrayLike) -> Array:
+def colour(band: Band | str, other: Band | str, luminosity: ArrayLike, temperature_k: ArrayLike) -> F64:
     """Magnitude in a band minus that in another one of stars [mag], (n_star,), by the bands' zero points."""
     ratio = mixed(magnitude_light(band), luminosity, temperature_k) / mixed(
         magnitude_light(other), luminosity, temperature_k
@@ -161,7 +161,7 @@ def colour(band: Band | str, other: Band | str, luminosity: ArrayLike, temperatu
     return np.asarray(-2.5 * np.log10(ratio))
 
 
-def colour_temperature_k(colour_mag: ArrayLike, kind: str | tuple[str, str], luminosity: ArrayLike = GIANT) -> Array:
+def colour_temperature_k(colour_mag: ArrayLike, kind: str | tuple[str, str], luminosity: ArrayLike = GIANT) -> F64:
     """Temperature [K] of the template that has a colour, (n_star,); NaN in, NaN out.
 
     Colours between two bands are met exactly; "V-I" and "B-V", as Hipparcos lists them, on average. A colour beyond
@@ -206,7 +206,7 @@ def luminosity_class(
         return np.where(bright & ~(bp_rp < GIANT_BP_RP_MAG), GIANT, DWARF).astype(np.int64)
 
 
-def _at_ratio(ratio: Array, blue: Array, red: Array) -> tuple[NDArray[np.int64], Array]:
+def _at_ratio(ratio: F64, blue: F64, red: F64) -> tuple[NDArray[np.int64], F64]:
     """Template, and weight of the next one, whose mixture has a ratio of blue to red; the hotter one of two.
 
     Ratios beyond those of the templates are taken for the nearest.

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpsim.arguments import check_memory
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.radiometry.bands import BANDS
 from warpsim.sky.photometric_bands import FLUX_PREDICTED
@@ -30,8 +31,6 @@ from warpsim.sky.positions import J2000_JYEAR, position_of
 from warpsim.sky.stars import Stars
 from warpsim.sky.stellar_templates import GIANT
 from warpsim.streams import uniforms
-
-Array = NDArray[np.float64]
 
 LARGEST_N_STAR = 100_000_000
 """10 GB of memory, and 15 GB while it is made."""
@@ -93,12 +92,12 @@ class SyntheticSky:
         slope = _FAINT_SLOPE if magnitude_a > _BREAK_MAG else _BRIGHT_SLOPE
         return at_break * math.pow(10.0, slope * (magnitude_a - _BREAK_MAG))
 
-    def magnitude_a(self, count: Array) -> Array:
+    def magnitude_a(self, count: F64) -> F64:
         """[A] magnitude that so many stars are brighter than, shape (n,); the floor for the very first."""
         dex = np.log10(count / self._count_at_break())
         return np.maximum(_BREAK_MAG + dex / np.where(dex > 0.0, _FAINT_SLOPE, _BRIGHT_SLOPE), _FLOOR_MAG)
 
-    def abs_sin_latitude(self, u: Array) -> Array:
+    def abs_sin_latitude(self, u: F64) -> F64:
         """Map uniform numbers to |sin b|, by inverting the integral of n(b); the same on every machine."""
         near, far = self._roots()
         root = near - u * (near - far)
@@ -142,7 +141,7 @@ def synthetic_stars(n_star: int | None, limit_jy: float | None, sky: str, seed: 
         flux_jy[rows] = (BANDS["A"].zero_mag_jy * 10.0 ** (-0.4 * magnitude_a)).astype(np.float32)
 
     # What is the same for all stars takes no memory.
-    still: Array = np.broadcast_to(0.0, (n,))
+    still: F64 = np.broadcast_to(0.0, (n,))
     depth = f"the {n} brightest stars, down to {flux_jy[-1]:.4g} Jy at 8.3 um"
     return Stars._made(
         ra_deg=ra_deg,
@@ -164,7 +163,7 @@ def synthetic_stars(n_star: int | None, limit_jy: float | None, sky: str, seed: 
     )
 
 
-def _places(model: SyntheticSky, u_latitude: Array, u_longitude: Array) -> tuple[Array, Array]:
+def _places(model: SyntheticSky, u_latitude: F64, u_longitude: F64) -> tuple[F64, F64]:
     """Right ascension and declination [deg], rounded to 0.1 mas, of two uniform numbers per star."""
     south = u_latitude < 0.5
     sin_b = model.abs_sin_latitude(2.0 * np.where(south, u_latitude, u_latitude - 0.5))
@@ -180,7 +179,7 @@ def _places(model: SyntheticSky, u_latitude: Array, u_longitude: Array) -> tuple
     return np.rint(ra_deg * per_deg) % (360.0 * per_deg) / per_deg, np.rint(dec_deg * per_deg) / per_deg
 
 
-def _colour_classes(magnitude_a: Array, u: Array) -> NDArray[np.int64]:
+def _colour_classes(magnitude_a: F64, u: F64) -> NDArray[np.int64]:
     """Colour classes drawn by the shares at each magnitude, shape (n,)."""
     upper = np.cumsum(_CLASS_SHARE, axis=1)[:, :-1]
     return np.asarray(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from warpsim.arrays import F64
 from warpsim.sky.stellar_templates import (
     DWARF,
     GIANT,
@@ -18,8 +19,6 @@ from warpsim.sky.stellar_templates import (
     colour_temperature_k,
     luminosity_class,
 )
-
-Array = NDArray[np.float64]
 
 UNCERTAIN, FAIR = 1, 2
 """Values of StarCatalog.quality."""
@@ -62,7 +61,7 @@ _AT_B_MINUS_V_MAG = np.array([-0.22, 0.0, 0.09, 0.29, 0.46, 0.64, 0.86, 1.06, 1.
 class VisibleStars:
     """What visible photometry tells of stars; shape (n,) each."""
 
-    temperature_k: Array
+    temperature_k: F64
     """Colour temperature [K]; NaN for stars without a colour."""
 
     luminosity: NDArray[np.int8]
@@ -110,7 +109,7 @@ def by_hipparcos(
     return VisibleStars(temperature_k, luminosity.astype(np.int8), np.where(fair, FAIR, UNCERTAIN))
 
 
-def gaia_bp_rp_mag(g_mag: Array, bp_rp_mag: Array) -> tuple[Array, Array]:
+def gaia_bp_rp_mag(g_mag: F64, bp_rp_mag: F64) -> tuple[F64, F64]:
     """BP and RP from G and BP - RP [mag], shape (n,) each; NaN in, NaN out.
 
     The photocurrents of BP and RP add up to that of G times an excess that depends on the colour (Riello et al. 2021,
@@ -129,7 +128,7 @@ def gaia_bp_rp_mag(g_mag: Array, bp_rp_mag: Array) -> tuple[Array, Array]:
     return rp_mag + x, rp_mag
 
 
-def hipparcos_v_mag(hp_mag: Array, v_minus_i_mag: Array, b_minus_v_mag: Array) -> Array:
+def hipparcos_v_mag(hp_mag: F64, v_minus_i_mag: F64, b_minus_v_mag: F64) -> F64:
     """V from Hp and V-I, or B-V where V-I is NaN [mag], shape (n,); Hp itself without a colour."""
     by_v_i = np.interp(v_minus_i_mag, _AT_V_MINUS_I_MAG, _HP_MINUS_V_MAG)
     by_b_v = np.interp(b_minus_v_mag, _AT_B_MINUS_V_MAG, _HP_MINUS_V_MAG)

@@ -16,9 +16,9 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-import numpy.typing as npt
 import warp as wp
 
+from warpsim.arrays import F64
 from warpsim.directions import normalised, perpendicular
 from warpsim.errors import InputError
 from warpsim.launches import Stage
@@ -28,8 +28,6 @@ from warpsim.scene.scene import Scene
 from warpsim.sky.catalog import StarCatalog
 from warpsim.sky.positions import position_of
 from warpsim.streams import uniforms
-
-F64 = npt.NDArray[np.float64]
 
 BAND = "A"
 

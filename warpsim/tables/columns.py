@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 
 if TYPE_CHECKING:
     from astropy.table import Table
 
-Array = NDArray[np.float64]
 
 MISSING = ("", "nan", "null", "none", "-", "--", "---", "~", "n/a")
 """Texts, in small letters, that stand for a missing number."""
@@ -103,7 +103,7 @@ class ColumnTable:
             raise InputError(f"must have the column {' or '.join(names)}", value=self.names, form="s")
         return name
 
-    def number(self, *names: str, unit: str = "", null: tuple[float, ...] = ()) -> Array:
+    def number(self, *names: str, unit: str = "", null: tuple[float, ...] = ()) -> F64:
         """A column of numbers in a unit, shape (n,); NaN where masked, one of `null`, or where there is no such column.
 
         A column that states another unit is converted; one that states none is taken to be in `unit`. Numbers that
@@ -121,7 +121,7 @@ class ColumnTable:
         values = number_column(self.table, name, unit)
         return np.where(np.isin(values, null), np.nan, values) if null else values
 
-    def needed(self, *names: str, unit: str = "", null: tuple[float, ...] = ()) -> Array:
+    def needed(self, *names: str, unit: str = "", null: tuple[float, ...] = ()) -> F64:
         """Like number(), of a column that must be there."""
         return self.number(self.need(*names), unit=unit, null=null)
 
@@ -144,7 +144,7 @@ class ColumnTable:
         """The error of a check of columns, with the line of its row in the file if it has one."""
         return error if error.row is None else error.at_row(self.where(error.row))
 
-    def _numbers_of_text(self, name: str) -> Array:
+    def _numbers_of_text(self, name: str) -> F64:
         """Numbers of a column of text, NaN where a text stands for a missing value."""
         texts = self.text(name)
         values = np.full(len(texts), np.nan)
@@ -172,7 +172,7 @@ def is_number(text: str | bytes) -> bool:
     return ("_" if isinstance(text, str) else b"_") not in text  # type: ignore[operator]
 
 
-def number_column(table: Table, key: str, unit: str) -> Array:
+def number_column(table: Table, key: str, unit: str) -> F64:
     """Return a numeric column in a unit, NaN where masked; InputError for no numbers or another kind of unit."""
     column: Any = table[key]
     if column.ndim != 1 or column.dtype.kind == "c":

@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from warpsim.arguments import plain_array
+from warpsim.arrays import F64
 from warpsim.errors import InputError
-
-F64 = npt.NDArray[np.float64]
 
 UNIT_TOLERANCE = 1e-6
 """How far from 1 the length of a given direction may be; it is then scaled to 1."""

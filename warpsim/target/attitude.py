@@ -14,13 +14,12 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Discriminator, Field, model_validator
 
+from warpsim.arrays import F64
 from warpsim.config.fields import Number, Vector, closed_interval, rule_error
 from warpsim.config.model import choice, config_model
 from warpsim.errors import InputError
 from warpsim.quaternion import from_matrix, product
 from warpsim.streams import uniforms
-
-F64 = npt.NDArray[np.float64]
 
 SPLITTER = 2.0**27 + 1
 """Cuts a float64 into two halves of 26 bits, whose products are exact (Veltkamp)."""

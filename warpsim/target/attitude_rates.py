@@ -9,9 +9,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.quaternion import conjugate, in_one_hemisphere, product
-
-F64 = npt.NDArray[np.float64]
 
 SLERP_ERROR_RAD = 1e-7
 """Most that slerp between dense rows may miss the cubic by, ..."""

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
+from warpsim.arrays import F64
 from warpsim.config.fields import FileName, Number, rows_in
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
@@ -22,7 +23,6 @@ from warpsim.target.timed_rows import DATE_ROUNDING_S, TimedRows
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
-F64 = npt.NDArray[np.float64]
 
 NORM_TOLERANCE = 1e-3
 """How far from 1 the norm of a given quaternion may be: three printed digits."""

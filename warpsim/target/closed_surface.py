@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64, I64
 from warpsim.errors import InputError
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 MOST_FACES = 100_000
 LARGEST_EXTENT_M = 1e5

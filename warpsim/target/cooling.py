@@ -12,12 +12,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.target.temperature import HOTTEST_K, interpolated
-
-F64 = npt.NDArray[np.float64]
 
 ERROR_K = 1e-3
 """Largest error of rows and of the interpolation between them [K]."""

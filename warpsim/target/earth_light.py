@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from warpsim_kernels.earth_albedo import damping, kept_harmonics, step
 
-F64 = npt.NDArray[np.float64]
+from warpsim.arrays import F64
 
 NEAR_LIMB_SINE = 0.5
 

@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.constants import (
     ASTRONOMICAL_UNIT_M,
     EARTH_EQUATORIAL_RADIUS_M,
@@ -30,8 +30,6 @@ from warpsim.orbit.sun import sunlit_fraction
 from warpsim.radiometry.band import Band
 from warpsim.target.surface import Graybody
 from warpsim.target.temperature import HeatBalance
-
-F64 = npt.NDArray[np.float64]
 
 _ALL = Band.top_hat("all", 0.2, 100.0)
 _ROOM_K = 300.0

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Field, model_validator
 
+from warpsim.arrays import F64, I64
 from warpsim.config.fields import FileName, Positive, rule_error
 from warpsim.config.model import config_model
 from warpsim.errors import InputError, one_line
@@ -19,9 +20,6 @@ from warpsim.exchange.source import SourceFile, number_of
 from warpsim.target.areas import Areas
 from warpsim.target.closed_surface import ClosedSurface, closed_surface
 from warpsim.target.from_file import FromFile
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 def _rows_of_three(value: Any, kinds: str, what: str) -> tuple[tuple[Any, ...], ...]:

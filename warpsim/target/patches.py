@@ -13,17 +13,15 @@ from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BeforeValidator, model_validator
 
+from warpsim.arrays import F64
 from warpsim.config.fields import Integer, Number, as_tuple, closed_interval
 from warpsim.config.model import config_model
 from warpsim.errors import InputError, errors_at
 from warpsim.target.areas import Areas, top_radius_m
 from warpsim.target.closed_surface import area_vectors, merged_facets
 from warpsim.target.surface import Graybody
-
-F64 = npt.NDArray[np.float64]
 
 STRIP_DEG = 1.0
 """Largest width of the strips that a side is cut into: areas are then good to 4e-5 of the side's largest."""

@@ -18,13 +18,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.quaternion import conjugate, rotated
 from warpsim.target.attitude import BodyMotion, turns
 from warpsim.target.attitude_table import AttitudeRows
 from warpsim.target.temperature import interpolated
 from warpsim.target.torque_free import TorqueFreeMotion
-
-F64 = npt.NDArray[np.float64]
 
 MOST_TURNS_SAMPLED = 100.0
 """Most turns of a motion that is sampled in time, not averaged."""

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, PlainValidator, ValidationInfo, model_validator
 
+from warpsim.arrays import F64
 from warpsim.config.fields import (
     FileName,
     NonNegative,
@@ -30,7 +31,6 @@ from warpsim.target.timed_rows import TimedRows
 if TYPE_CHECKING:
     from warpsim.instant import Epoch
 
-F64 = npt.NDArray[np.float64]
 
 HOTTEST_K = 1e5
 

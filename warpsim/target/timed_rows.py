@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
-
-F64 = npt.NDArray[np.float64]
 
 DATE_ROUNDING_S = 1e-6
 """Ends of a table may miss those of the scene by this much: files give dates with some digits only."""

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
+from warpsim.arrays import F64
 from warpsim.config.fields import Number, Positive, Vector
 from warpsim.config.model import config_model
 from warpsim.errors import InputError
@@ -28,8 +29,6 @@ from warpsim.quaternion import conjugate, from_matrix, product, rotated, unit
 from warpsim.streams import uniforms
 from warpsim.target.attitude import turns
 from warpsim.target.attitude_table import NORM_TOLERANCE
-
-F64 = npt.NDArray[np.float64]
 
 NODE_ERROR_RAD = 1e-11
 """Most that a cubic between two nodes of the nutation may be off, ..."""

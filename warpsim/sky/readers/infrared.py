@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.sky.catalog_columns import BAND_NAMES
 from warpsim.sky.photometric_bands import FLUX_PREDICTED, photometric_bands
@@ -33,8 +33,6 @@ from warpsim.sky.readers.survey import (
     real_magnitudes,
 )
 from warpsim.tables.columns import ColumnTable, plain_name
-
-Array = NDArray[np.float64]
 
 # --- MSX: the Infrared Astrometric Catalog, and the Point Source Catalog ---
 
@@ -68,7 +66,7 @@ def _msx_irac(table: ColumnTable) -> dict[str, Any]:
     }
 
 
-def _rate(table: ColumnTable, name: str, unit: str) -> Array:
+def _rate(table: ColumnTable, name: str, unit: str) -> F64:
     """A proper motion in the catalog's own unit, per century; NaN where there is none.
 
     Archives spell that unit in ways astropy does not know: such a spelling is taken for it.
@@ -177,7 +175,7 @@ def _iras(table: ColumnTable) -> dict[str, Any]:
     }
 
 
-def icrs_of_b1950_deg(ra_deg: Array, dec_deg: Array, epoch_jyear: float = IRAS_EPOCH_JYEAR) -> tuple[Array, Array]:
+def icrs_of_b1950_deg(ra_deg: F64, dec_deg: F64, epoch_jyear: float = IRAS_EPOCH_JYEAR) -> tuple[F64, F64]:
     """Carry positions from FK4, equinox B1950, as observed at an epoch, to ICRS; no proper motion is applied.
 
     FK4 turns slowly against ICRS, so that the epoch counts. NaN passes.
@@ -212,7 +210,7 @@ def _akari(table: ColumnTable) -> dict[str, Any]:
     }
 
 
-def _akari_filter(table: ColumnTable, um: str) -> tuple[Array, Quality]:
+def _akari_filter(table: ColumnTable, um: str) -> tuple[F64, Quality]:
     """Flux density in a filter [Jy], NaN where it was not measured, and its quality, shape (n,) each."""
     names = (f"S{um}", f"flux{um}")
     flux_jy = positive(table.number(*names, unit="Jy", null=_NULLS))
@@ -241,10 +239,10 @@ _WISE_FLAGS, _WISE_ARTEFACTS = ("qph", "ph_qual"), ("ccf", "cc_flags")
 class _Filter(NamedTuple):
     """What AllWISE says of a filter, shape (n,) each."""
 
-    magnitude: Array
+    magnitude: F64
     """NaN where it was not measured, or is saturated."""
 
-    limit_mag: Array
+    limit_mag: F64
     """The star is no brighter; NaN for none."""
 
     quality: Quality
@@ -273,7 +271,7 @@ def _allwise(table: ColumnTable) -> dict[str, Any]:
     }
 
 
-def _allwise_quality(magnitudes: Mapping[str, Array], wise: Mapping[int, _Filter]) -> Quality:
+def _allwise_quality(magnitudes: Mapping[str, F64], wise: Mapping[int, _Filter]) -> Quality:
     """That of W3; without it, of a prediction from shorter waves, or else of W4."""
     known = {band: ~np.isnan(real_magnitudes(values)) for band, values in magnitudes.items()}
     shorter = np.any([known[band] for band in ("J", "H", "Ks", "W1", "W2")], axis=0)
@@ -296,7 +294,7 @@ def _wise_filter(table: ColumnTable, number: int) -> _Filter:
     return _Filter(star_mag, limit_mag, np.where(np.isnan(star_mag), UNKNOWN, quality), saturated)
 
 
-def _near_infrared(table: ColumnTable, vizier: str, irsa: str, vizier_error: str, irsa_error: str) -> Array:
+def _near_infrared(table: ColumnTable, vizier: str, irsa: str, vizier_error: str, irsa_error: str) -> F64:
     """A 2MASS magnitude of AllWISE, NaN where it is a limit: those have no error."""
     values = table.number(vizier, irsa, unit="mag")
     if table.find(vizier_error, irsa_error) is None:
@@ -329,7 +327,7 @@ def _twomass(table: ColumnTable) -> dict[str, Any]:
     }
 
 
-def _twomass_filter(table: ColumnTable, names: tuple[str, str], position: int) -> tuple[Array, Flags]:
+def _twomass_filter(table: ColumnTable, names: tuple[str, str], position: int) -> tuple[F64, Flags]:
     """Magnitude, NaN where it was not measured, and whether it is poor, shape (n,) each."""
     letter = flag_letters(table, position, *_FLAGS)
     artefact = flag_letters(table, position, *_ARTEFACTS)

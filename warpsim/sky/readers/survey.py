@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.sky.photometric_bands import flux_of_magnitude_jy
 from warpsim.sky.positions import J2000_JYEAR
 from warpsim.tables.columns import MISSING, ColumnTable, is_number, plain_name
 
-Array = NDArray[np.float64]
 Quality = NDArray[np.int64]
 Flags = NDArray[np.bool_]
-Position = tuple[Array, Array, str]
+Position = tuple[F64, F64, str]
 
 UNKNOWN, UNCERTAIN, FAIR, GOOD, EXCELLENT = range(5)
 """Values of StarCatalog.quality."""
@@ -51,7 +51,7 @@ PARTS = "parts"
 _NUMBER = re.compile(r"\d+(\.\d*)?|\.\d+")
 
 
-def position_deg(table: ColumnTable, *pairs: Pair, radians: bool = False) -> tuple[Array, Array, str]:
+def position_deg(table: ColumnTable, *pairs: Pair, radians: bool = False) -> tuple[F64, F64, str]:
     """Right ascension and declination [deg] of the first pair of columns that the table has; NaN where missing.
 
     After the pairs (POSITIONS if left out) come the parts of the CDS: RAh, RAm, RAs (or RAds, tenths of a second), DE-,
@@ -90,7 +90,7 @@ def epoch_of_position(ra_name: str, survey_epoch_jyear: float) -> float:
     return J2000_JYEAR if computed else survey_epoch_jyear
 
 
-def angle_deg(table: ColumnTable, name: str, *, hours: bool = False, radians: bool = False) -> Array:
+def angle_deg(table: ColumnTable, name: str, *, hours: bool = False, radians: bool = False) -> F64:
     """A column of angles [deg], numbers or text that sexagesimal_deg() reads; NaN where missing, or without the column.
 
     `radians` says whether numbers whose column states no unit are radians, not degrees.
@@ -107,7 +107,7 @@ def angle_deg(table: ColumnTable, name: str, *, hours: bool = False, radians: bo
     return table.number(own_name, unit="deg")
 
 
-def sexagesimal_deg(texts: NDArray[np.str_], where: str, hours: bool) -> Array:
+def sexagesimal_deg(texts: NDArray[np.str_], where: str, hours: bool) -> F64:
     """Angles [deg] of texts such as "14 13 22.8", "-00:12:30", "14h13m22.8s", "+19d26m31s" or "213.345", shape (n,).
 
     One number alone is in degrees, blank texts are NaN. `where` is what an error calls them; `hours` says whether the
@@ -140,7 +140,7 @@ def _angle(text: str, hours: bool) -> float | None:
     return sign * angle * (15.0 if in_hours else 1.0)
 
 
-def _parts_deg(table: ColumnTable) -> tuple[Array, Array]:
+def _parts_deg(table: ColumnTable) -> tuple[F64, F64]:
     """Right ascension and declination [deg] of the columns that the CDS splits positions into, shape (n,) each.
 
     The names say the units, so stated ones are ignored: FITS has no name for tenths of a second.
@@ -155,7 +155,7 @@ def _parts_deg(table: ColumnTable) -> tuple[Array, Array]:
     return 15.0 * ra_hours, np.where(south, -dec, dec)
 
 
-def _part(table: ColumnTable, largest: float, *names: str) -> Array:
+def _part(table: ColumnTable, largest: float, *names: str) -> F64:
     """A column of parts, shape (n,): zeros where the table has none (then the part before it has decimals)."""
     name = table.find(*names)
     if name is None:
@@ -228,22 +228,22 @@ class Survey:
         return np.array([name if not name or name.startswith(prefix) else prefix + name for name in names], np.str_)
 
 
-def band_flux_jy(band: str, magnitudes: Array) -> Array:
+def band_flux_jy(band: str, magnitudes: F64) -> F64:
     """Flux density in a photometric band [Jy] of a star of the given magnitude in it; NaN in, NaN out."""
     return flux_of_magnitude_jy(band, real_magnitudes(magnitudes))
 
 
-def positive(values: Array) -> Array:
+def positive(values: F64) -> F64:
     """Values above zero, NaN elsewhere: archives write nulls as -999.9 or 0, which single precision alters."""
     return np.where(values > 0.0, values, np.nan)
 
 
-def real_magnitudes(values: Array) -> Array:
+def real_magnitudes(values: F64) -> F64:
     """Magnitudes that a star can have, NaN elsewhere: archives write 99.999 or -99 for a missing one."""
     return np.where(np.abs(values) < LARGEST_MAG, values, np.nan)
 
 
-def real_colours(values: Array) -> Array:
+def real_colours(values: F64) -> F64:
     """Colours that a star can have, NaN elsewhere."""
     return np.where(np.abs(values) < LARGEST_COLOUR_MAG, values, np.nan)
 
@@ -256,7 +256,7 @@ def predicted_quality(has_flux: Flags, has_colour: Flags, is_doubtful: Flags) ->
     return np.where(has_flux, np.where(has_colour & ~is_doubtful, FAIR, UNCERTAIN), UNKNOWN)
 
 
-def measured_quality(relative_error: Array) -> Quality:
+def measured_quality(relative_error: F64) -> Quality:
     """EXCELLENT where the error is known and at most EXCELLENT_ERROR, GOOD elsewhere."""
     return np.where(relative_error <= EXCELLENT_ERROR, EXCELLENT, GOOD)
 

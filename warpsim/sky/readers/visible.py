@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from warpsim.arrays import F64
 from warpsim.errors import InputError
 from warpsim.sky.readers.survey import (
     FAIR,
@@ -34,8 +34,6 @@ from warpsim.sky.visible_stars import (
     hipparcos_v_mag,
 )
 from warpsim.tables.columns import ColumnTable, plain_name
-
-Array = NDArray[np.float64]
 
 HIPPARCOS_EPOCH_JYEAR = 1991.25
 COOL_GIANT_K = 4000.0
@@ -161,7 +159,7 @@ def _hipparcos_2007(table: ColumnTable) -> dict[str, Any]:
     return _hipparcos(table, v_mag, b_minus_v, v_minus_i)
 
 
-def _hipparcos(table: ColumnTable, v_mag: Array, b_minus_v: Array, v_minus_i: Array) -> dict[str, Any]:
+def _hipparcos(table: ColumnTable, v_mag: F64, b_minus_v: F64, v_minus_i: F64) -> dict[str, Any]:
     """Hp and V, and B and Ic by the colours."""
     b_minus_v, v_minus_i = real_colours(b_minus_v), real_colours(v_minus_i)
     hp_mag = real_magnitudes(table.number("Hpmag", unit="mag"))
@@ -196,7 +194,7 @@ def _hipparcos(table: ColumnTable, v_mag: Array, b_minus_v: Array, v_minus_i: Ar
 
 
 def _light(
-    magnitudes: Mapping[str, Array], motion: tuple[Array, Array], parallax_mas: Array, seen: VisibleStars
+    magnitudes: Mapping[str, F64], motion: tuple[F64, F64], parallax_mas: F64, seen: VisibleStars
 ) -> dict[str, Any]:
     return {
         "flux_jy": {band: band_flux_jy(band, values) for band, values in magnitudes.items()},
