@@ -28,7 +28,7 @@ from warpsim.orbit.sun import earth_states
 from warpsim.output.check import scene_report
 from warpsim.radiometry.bands import band_radiance_w_m2_sr
 from warpsim.radiometry.sun_and_earth import earth_albedo
-from warpsim.scene.inputs import input_checksums
+from warpsim.scene.provenance import input_checksums
 
 REFERENCE = json.loads((Path(__file__).parent / "data" / "zodiacal_reference.json").read_text())["cases"]
 

@@ -11,7 +11,7 @@ import warpsim as ws
 from warpsim.cli import main
 from warpsim.output.check import scene_report
 from warpsim.render.calibration_frames import FIRST_FRAME, calibration_counts, detector_maps
-from warpsim.scene.inputs import input_checksums
+from warpsim.scene.provenance import input_checksums
 
 NEI = {
     "kind": "nei", "nei_w_cm2": 1e-18, "sei_w_cm2": 2e-15, "prnu": 0.05, "dsnu_nei": 8.0, "dead_fraction": 0.01,

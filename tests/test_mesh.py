@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 
 import warpsim as ws
 from warpsim.errors import InputError
-from warpsim.scene.inputs import input_checksums
+from warpsim.scene.provenance import input_checksums
 from warpsim.scene.scene_files import to_toml
 from warpsim.target.closed_surface import MOST_FACES, closed_surface
 

@@ -11,7 +11,7 @@ from scipy.interpolate import KroghInterpolator
 from skyfield.api import EarthSatellite, load
 
 import warpsim as ws
-from warpsim.scene.inputs import input_checksums
+from warpsim.scene.provenance import input_checksums
 from warpsim.scene.scene_files import named_files
 
 TRACK_M = 1e-3  # what interpolation between nodes may add

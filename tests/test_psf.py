@@ -197,7 +197,7 @@ def test_scene_with_a_file(tmp_path, write):
     assert 'psf_file = "psf.' in (tmp_path / "scene.toml").read_text()
     again = ws.Scene.load(tmp_path / "scene.toml")
     assert again == scene
-    from warpsim.scene.inputs import input_checksums
+    from warpsim.scene.provenance import input_checksums
 
     assert input_checksums(again.scenario)[str(path)] == hashlib.sha256(path.read_bytes()).hexdigest()
     frames = ws.Renderer(again, "cpu").render([60])

@@ -17,7 +17,7 @@ from warpsim.detector.levels import electron_levels
 from warpsim.files import sha256_of
 from warpsim.radiometry.band import Band
 from warpsim.radiometry.curve_nodes import PRODUCT_ERROR
-from warpsim.scene.inputs import input_checksums
+from warpsim.scene.provenance import input_checksums
 from warpsim.scene.scenario import Scenario
 
 QUADRATURE_RTOL = 1e-9

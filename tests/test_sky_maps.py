@@ -14,7 +14,7 @@ import warpsim as ws
 from warpsim.background.fits_map import radiance_scales
 from warpsim.background.user_maps import sky_map_plates
 from warpsim.output.check import scene_report
-from warpsim.scene.inputs import input_checksums
+from warpsim.scene.provenance import input_checksums
 
 BAND = ws.bands()["A"]
 

@@ -16,7 +16,7 @@ from scipy.integrate import quad
 import warpsim as ws
 from warpsim.radiometry.sun_and_earth import earth_spectrum, solar_spectrum
 from warpsim.render.target_field import make_radiance
-from warpsim.scene.inputs import input_checksums
+from warpsim.scene.provenance import input_checksums
 from warpsim.target.heat_balance import surface_coefficients
 
 KIRCHHOFF = 1e-15

@@ -26,8 +26,7 @@ from warpsim.output.summary import package_versions
 from warpsim.render.device_stars import catalog_checksums
 from warpsim.render.frameset import FrameSet
 from warpsim.scene.environment import BUILT_IN_CATALOGS
-from warpsim.scene.inputs import input_checksums
-from warpsim.scene.provenance import provenance
+from warpsim.scene.provenance import input_checksums, provenance
 from warpsim.scene.scenario import Scenario
 from warpsim.scene.scene import Scene
 from warpsim.scene.scene_files import named_files

@@ -16,8 +16,8 @@ from warpsim.output.formats import Format, Images, chosen_formats
 from warpsim.output.output_folder import MANIFEST, PARTS
 from warpsim.render.renderer import Renderer
 from warpsim.render.request import checked_frames
-from warpsim.scene.inputs import input_checksums
 from warpsim.scene.instrument import Instrument
+from warpsim.scene.provenance import input_checksums
 from warpsim.scene.scenario import Scenario
 from warpsim.version import __version__
 
