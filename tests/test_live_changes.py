@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from conftest import slow
 from waiting import until
 
 import warpsim as ws
@@ -103,13 +104,14 @@ CHANGED = {
 }
 
 
+@pytest.mark.parametrize("n_change", [3, slow(9)])
 @pytest.mark.ci
-def test_each_control_renders_its_scene_at_once(renderer, scene):
+def test_each_control_renders_its_scene_at_once(renderer, scene, n_change):
     """One after the other, on one page: the counts are those of the scene with all of them."""
     with ws.view(renderer, port=0, sensors=SENSORS, band="A") as page:
         page.show(60)
         controls, wanted = page._scene_controls, {}
-        for path, typed, value in [*CHANGED.values(), ("optics__sigma_px", "2.5", 2.5), ("seed", 7, 7)]:
+        for path, typed, value in [*CHANGED.values(), ("optics__sigma_px", "2.5", 2.5), ("seed", 7, 7)][:n_change]:
             wanted[path] = value
             controls.fields[path if path == "seed" else NUMBER + path].value = typed
             changed = scene.replace(**wanted)

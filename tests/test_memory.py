@@ -58,7 +58,7 @@ def test_what_is_held_is_not_used_again(hold):
     array.fill_(7)
     held = hold(array)
     del array
-    gc.collect()
+    gc.collect(1)
     assert pool.n_byte == 0
     for _ in range(3):
         pool.new(SHAPE, wp.uint16).fill_(9)
@@ -66,7 +66,7 @@ def test_what_is_held_is_not_used_again(hold):
         assert ((held.numpy() if isinstance(held, wp.array) else np.asarray(held)) == 7).all()
     waiting = pool.n_byte
     del held
-    gc.collect()
+    gc.collect(1)
     assert pool.n_byte > waiting
 
 
