@@ -185,7 +185,7 @@ asked for, the same on all of them, figures are compared as printed, or draws of
 TAIL = """\
 ## Not measured
 
-- **CUDA.** These figures are of the CPU. What an H200 and the CPU agree to is in performance.md; the tests run on the
+- **CUDA.** These figures are of the CPU. What GPUs and the CPU agree to is in performance.md; the tests run on the
   first GPU where there is one.
 - **Gradients.** Images are differentiated by their sources, light curves by parameters of a target, and the two are
   chained by a sum. A target's aspect as it moves, few-electron statistics and patterns of pixels are not part of

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.programs import benchmark_devices
+from benchmarks.devices import benchmark_devices
 from warpsim.render.renderer import Renderer
 from warpsim.speed.work import SpeedWork, render_call
 

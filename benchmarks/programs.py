@@ -1,4 +1,4 @@
-"""What benchmarks share: devices, and of programs of their own command line, result, processor time."""
+"""What benchmarks that are programs of their own share: command line, result, processor time."""
 
 from __future__ import annotations
 
@@ -10,12 +10,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-
-import pytest
-import warp as wp
-
-from warpsim.errors import InputError
-from warpsim.render.device import default_device
 
 
 def parser_of(text: str | None) -> argparse.ArgumentParser:
@@ -46,18 +40,3 @@ def processor_name() -> str:
     """Name of the processor."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     return next((line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.machine())
-
-
-def benchmark_devices(config: pytest.Config) -> list[str]:
-    """Names of the devices that benchmarks run on: those of `--device`, else the CPU and, where there is one, a GPU.
-
-    Raises:
-        pytest.UsageError: No such device.
-    """
-    given = config.getoption("--device")
-    if given is None:
-        return ["cpu", *(["cuda:0"] if wp.is_cuda_available() else [])]
-    try:
-        return [str(default_device(name.strip())) for name in given.split(",")]
-    except InputError as error:
-        raise pytest.UsageError(f"--device: {error}") from None

@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 from warpsim_kernels.band_index import cone_cover, run_of_stars
 
 import warpsim as ws
-from benchmarks.programs import benchmark_devices
+from benchmarks.devices import benchmark_devices
 
 SIZES = {"1e5": 100_000, "1e6": 1_000_000, "1e7": 10_000_000}
 N_CONE, RADIUS_RAD = 2_000, np.radians(0.72)

@@ -253,7 +253,7 @@ def test_fits_reach_the_cramer_rao_bound(kind, size):
     assert np.mean(table["poor_fit"]) < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_errors_hold_in_a_crowd():
     """Of sources in neighbouring pixels some are taken together; errors are as large as stated all the same."""
     frames = ws.Renderer(ws.Scene.load("stss")).render(range(60, 80), sensors=["sat27"], bands=["A"], keep_stars=True)

@@ -2,6 +2,7 @@
 
 import runpy
 import sys
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,6 @@ from conftest import slow
 pytest.importorskip("matplotlib")
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]*.py"))
-LONG = {"12_visible_to_lwir", "14_train_a_detector"}
-"""Of some ten seconds each."""
 SMALLEST_SIDE_PX = 400
 FEWEST_GREYS = 20
 
@@ -32,7 +31,9 @@ def test_examples_are_found():
 
 
 @pytest.mark.parametrize(
-    "script", [slow(path) if path.stem in LONG else path for path in EXAMPLES], ids=lambda path: path.stem
+    "script",
+    [slow(path) if path.stem == "12_visible_to_lwir" else path for path in EXAMPLES],
+    ids=lambda path: path.stem,
 )
 @pytest.mark.ci
 def test_quick_mode_draws_a_picture(script, monkeypatch, tmp_path):
@@ -45,7 +46,7 @@ def test_quick_mode_draws_a_picture(script, monkeypatch, tmp_path):
     assert len(np.unique(picture[..., :3])) >= FEWEST_GREYS
 
 
-@pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("script", EXAMPLES, ids=attrgetter("stem"))
 def test_docstring_gives_the_command(script):
     docstring = script.read_text().split('"""')[1]
     assert f"python examples/{script.name}" in docstring

@@ -10,6 +10,7 @@ import fuzz
 import numpy as np
 import pytest
 from command_line import refused, run
+from conftest import slow
 from exchange_samples import OEM_XML
 from fuzz_cases import CHECK, PARTS, SCENE, _leaves, of_file, of_scene, whole_cases
 
@@ -209,15 +210,16 @@ def test_maps_stay_beside_each_other():
     assert maps_path("maps/{sensor}.fits", "sat11").as_posix() == "maps/sat11.fits"
 
 
-@pytest.mark.slow
-def test_seeds_of_the_fuzz_are_whole_and_a_few_cases_end_well(tmp_path):
+@pytest.mark.parametrize("n_case", [1, slow(10)])
+@pytest.mark.ci
+def test_seeds_of_the_fuzz_are_whole_and_a_few_cases_end_well(tmp_path, n_case):
     fuzz.prepare()
     first = {one.kind: one for one in reversed(whole_cases()) if one.arguments == CHECK}
     for kind, one in first.items():
         (tmp_path / kind).mkdir()
         found = fuzz.run_case(one, tmp_path / kind)
         assert (found.broken, found.code) == ("", 0), (kind, found.printed)
-    for number in range(10):
+    for number in range(n_case):
         (tmp_path / f"case{number}").mkdir()
         found = fuzz.run_case(fuzz.case(1, number), tmp_path / f"case{number}")
         assert not found.broken, (number, found.printed)

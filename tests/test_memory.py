@@ -66,7 +66,7 @@ def test_what_is_held_is_not_used_again(hold):
         assert ((held.numpy() if isinstance(held, wp.array) else np.asarray(held)) == 7).all()
     waiting = pool.n_byte
     del held
-    gc.collect(1)
+    gc.collect()
     assert pool.n_byte > waiting
 
 

@@ -108,7 +108,7 @@ def test_bounds_are_those_of_the_image_as_it_is_drawn(psf, changes):
         np.testing.assert_allclose(found, sigma, rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_fit_of_images_reaches_the_bounds(record_accuracy):
     """Draws of noise about the image that was rendered, each fitted: standard deviations within 5 of their own."""
     frames = rendered([60], True, optics__sigma_px=1.0, sensors=["sat27"])

@@ -94,7 +94,8 @@ def grey_shape(shape: tuple[int, ...], most_px: int) -> tuple[int, int]:
 def write_preview(path: str | Path, counts: npt.NDArray[np.uint16], levels: Levels, fps: float = PREVIEW_FPS) -> None:
     """Write images as an animation in the grey of the contact sheet: black is blank sky, white 60 NEI.
 
-    Images of more than 512 pixels a side are reduced by the brightest of each block of pixels.
+    Images of more than 512 pixels a side are reduced by the brightest of each block of pixels; in GIF, those of fewer
+    than 256 pixels in all are enlarged by a whole factor.
 
     Args:
         path: File to write: .gif, or .mp4 with the extra `video`.

@@ -1,4 +1,4 @@
-"""What files say of where they are from: scene, epoch and time scale, seeds, version, and checksums of input files."""
+"""Provenance of files: scene, epoch and time scale, seeds, version, and checksums of input files."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def provenance(scene: SceneDescription) -> dict[str, Any]:
 def input_checksums(scenario: Scenario) -> dict[str, str]:
     """Return the SHA-256 of each input file as the scenario has read it, by path; not of star catalogs.
 
-    A function of the user's is an input too, by its name: that of what it returns.
+    A user-defined function is an input too, by its name: the checksum is that of what it returns.
 
     Raises:
         InputError: The function cannot be called.
