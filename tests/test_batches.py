@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import slow
 from on_devices import device_scene
 
 import warpsim as ws
@@ -91,7 +92,7 @@ def test_there_is_something_to_compare(small, expected):
     assert ("offset_px" in found) == (small.detector.exposure_s > 0)
 
 
-@pytest.mark.parametrize("n_thread", [1, 3])
+@pytest.mark.parametrize("n_thread", [slow(1), 3])
 @pytest.mark.parametrize(("n_view", "n_image"), [(1, 1), (3, 1), (3, 2), (4, 3), (7, 7), (99, 2)])
 @pytest.mark.ci
 def test_passes_and_images_at_a_time_of_any_size(small, device, expected, monkeypatch, n_view, n_image, n_thread):

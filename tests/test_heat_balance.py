@@ -374,7 +374,7 @@ REST, ROLLING = {"axis": [0.3, -0.5, 0.8]}, {"rolling_rev_s": 0.0015, "axis": "r
         slow(SPHERE, {}, FOIL, id="sphere-foil"),
         pytest.param(CYLINDER, REST, HEAVY, id="rest-heavy"),
         slow(CYLINDER, REST, FOIL, id="rest-foil"),
-        pytest.param(CYLINDER, ROLLING, HEAVY, id="slow-rolling-heavy", marks=pytest.mark.ci),
+        slow(CYLINDER, ROLLING, HEAVY, id="slow-rolling-heavy"),
         slow(CYLINDER, ROLLING, FOIL, id="slow-rolling-foil"),
     ],
 )

@@ -364,7 +364,7 @@ def test_the_same_run_again_does_nothing(scene, folder):
     assert {item: item.stat().st_mtime_ns for item in folder.rglob("*")} == before
 
 
-@pytest.mark.parametrize("n_frame", [slow(1), 4, 6, 100])
+@pytest.mark.parametrize("n_frame", [slow(1), 4, slow(6), 100])
 @pytest.mark.ci
 def test_arrays_of_several_shards(scene, frames, tmp_path, monkeypatch, n_frame):
     """A call may end amid a shard, and the last shard need not be full."""
@@ -481,7 +481,8 @@ def test_hidden_files_do_not_fill_a_folder(scene, tmp_path):
 @pytest.mark.parametrize(
     ("name", "earlier"),
     [
-        *((name, earlier) for name in NAMES_OF_ONE_SENSOR for earlier in (False, True)),
+        *((name, False) for name in NAMES_OF_ONE_SENSOR),
+        *(slow(name, True) if "zarr" in name else (name, True) for name in NAMES_OF_ONE_SENSOR),
         *(("truth.fits", False), ("contact_sheet.png", False)),
     ],
 )
