@@ -2,7 +2,6 @@
 
 import runpy
 import sys
-from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +45,7 @@ def test_quick_mode_draws_a_picture(script, monkeypatch, tmp_path):
     assert len(np.unique(picture[..., :3])) >= FEWEST_GREYS
 
 
-@pytest.mark.parametrize("script", EXAMPLES, ids=attrgetter("stem"))
+@pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
 def test_docstring_gives_the_command(script):
     docstring = script.read_text().split('"""')[1]
     assert f"python examples/{script.name}" in docstring

@@ -53,11 +53,10 @@ TERMS: dict[str, Any] = {"prnu": 0.01, "dead_fraction": 0.01, "hot_fraction": 0.
 ODD: dict[str, Any] = {"bands": ["A", "C"], "camera__n_row": 40, "camera__n_col": 61}
 DAYLIGHT: dict[str, Any] = {
     "bands": ["G"], "camera__fov_deg": 60.0, "optics__psf": "gaussian", "optics__sigma_px": 0.7,
-    "detector__nei_w_cm2": 1e-11, "detector__sei_w_cm2": 1e-5,
-    "detector__counts_per_nei": 0.2,
+    "detector__nei_w_cm2": 1e-11, "detector__sei_w_cm2": 1e-5, "detector__counts_per_nei": 0.2,
 }  # fmt: skip
 BODY: dict[str, Any] = {"temperature": {"start_k": 300.0}, "surface": {"emissivity": 0.9}}
-TURNING: list[dict[str, Any]] = [
+ROTATING: list[dict[str, Any]] = [
     {"name": "half", "shape": ws.Cylinder(radius_m=0.25, height_m=1.0), **BODY,
      "patches": [{"azimuth_deg": [0.0, 180.0], "surface": {"emissivity": 0.1}}],
      "attitude": {"spin_rev_s": 0.05, "precession_angle_deg": 70.0, "axis": [1.0, 0.0, 0.0], "spin_phase_rev": 0.0,
@@ -145,7 +144,7 @@ def _later_terms() -> dict[str, Case]:
         "TDI": Case(stss.replace(**rows, detector__tdi_stages=32), [60, 61], two),
         "map of the sky": Case(stss.replace(background={"sky_map": f"python:{__name__}:glow"}), [60, 61], two),
         "the Earth by day": Case(stss.replace(pointing=down, background=earth, **DAYLIGHT), [0, 1], ["sat24", "sat45"]),
-        "painted and tumbling": Case(stss.replace(targets=TURNING), range(60, 64), two),
+        "painted and tumbling": Case(stss.replace(targets=ROTATING), range(60, 64), two),
     }
 
 
